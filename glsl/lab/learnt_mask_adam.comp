@@ -1,5 +1,5 @@
-// A step of Adam for the scores of learnt masks, after the backward pass. A mask is 0 or 1 in the picture; it is taken to change with
-// its score as the sigmoid does whose rounding it is (straight through).
+// A step of Adam for the scores of learnt masks, after the backward pass. A mask is 0 or 1 in the picture; for the
+// gradient, it changes with its score like the sigmoid that it rounds (straight through).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -8,16 +8,16 @@
 #include "lib/gradient_row.glsl"
 #include "lib/adam_step.glsl"
 
-/// Larger logits count as this one: e to its power is finite.
+/// Larger logits count as this one, so that e to its power is finite.
 const float GREATEST_LOGIT = 80.0;
 
-layout(constant_id = 2) const bool SAMPLED = false; // whether masks are drawn at random; else a threshold decides
+layout(constant_id = 2) const bool SAMPLED = false; // true if masks are drawn at random; otherwise a threshold decides
 
 layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
 layout(binding = 2, std430) readonly buffer TileCounts { uint tile_counts[]; };
 layout(binding = 3, std430) readonly buffer FirstSlots { uint first_slots[]; };
-layout(binding = 4, std430) readonly buffer Sums { float sums[]; }; // by slot, from learnt_mask_gradient.comp; where SAMPLED
+layout(binding = 4, std430) readonly buffer Sums { float sums[]; }; // by slot, from learnt_mask_gradient.comp; only if SAMPLED
 layout(binding = 5, std430) readonly buffer Rows { float rows[]; };
 layout(binding = 6, std430) readonly buffer Logits { float logits[]; };
 layout(binding = 7, std430) readonly buffer Shown { uint shown[]; };
@@ -26,13 +26,13 @@ layout(binding = 9, std430) buffer Moments { vec2 moments[]; }; // first and sec
 layout(push_constant) uniform Push {
     vec2 correction; // see lib/adam_step.glsl
     float rate;
-    float weight; // of the masks' mean in the loss; where SAMPLED, of its square
+    float weight; // of the masks' mean in the loss; if SAMPLED, of its square
     uint pair_limit;
     uint seed;
     uint iteration;
 };
 
-// The mask multiplies scales and opacity: its slope at 1 is that by the logarithms of all four.
+// The mask multiplies scales and opacity: its slope at 1 is the slope by the logarithms of all four.
 float slope_of_row(uint i) {
     uint row = i * ROW;
     float sum = rows[row + ROW_LOGIT] * (1 + exp(min(logits[i], GREATEST_LOGIT)));
@@ -49,7 +49,7 @@ float slope_of_slots(uint i) {
 
 void main() {
     uint i = global_index();
-    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
+    // If pairs did not fit, no iteration counts, from this one until the host has made room.
     if (pairs[1] > pair_limit || i >= count[0] || rows[i * ROW + ROW_GOOD] == 0) return;
     float n = float(count[0]);
     float slope, soft = scores[i];

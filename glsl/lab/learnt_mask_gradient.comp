@@ -1,15 +1,15 @@
-// Gradients by the masks, of the Gaussians that are masked, too: for each slot a sum over the tile's pixels. One subgroup walks a
+// Gradients by the masks, masked Gaussians included: for each slot a sum over the tile's pixels. One subgroup walks a
 // tile front to back.
 //
-// With the mask M a splat has the opacity M alpha in a pixel C = sum of M c T alpha, so that dL/dM = T alpha dL/dC . (c - b), where b is the
-// colour behind it. Of R, the part of dL/dC . C that lies behind, T b is R where the splat is masked, else R / (1 - alpha).
+// With mask M, a splat has the opacity M alpha in a pixel C = sum of M c T alpha, so dL/dM = T alpha dL/dC . (c - b), b the colour
+// behind. With R, the part of dL/dC . C that lies behind, T b is R if the splat is masked, otherwise R / (1 - alpha).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/tile_pixels.glsl"
 
-layout(constant_id = 5) const bool COLOURS = false; // true if the image gradient's fourth component is none by alpha
+layout(constant_id = 5) const bool COLOURS = false; // true if the image gradient's fourth component is not a gradient by alpha
 
 layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue and alpha
 layout(binding = 9, std430) writeonly buffer Sums { float sums[]; }; // by slot
@@ -29,7 +29,7 @@ void begin(uint p, uvec2 at) {
 
 void forget() { own_sum = 0; }
 
-// The shape is the one after learnt_mask.comp, where a masked splat has a negative cut.
+// The shape is the one after learnt_mask.comp, in which a masked splat has a negative cut.
 void visit(uint n, vec4 g, vec4 s, vec2 c) {
     vec4 rgb1 = vec4(s.w, c, 1);
     bool masked = s.z < 0;
@@ -48,7 +48,7 @@ void visit(uint n, vec4 g, vec4 s, vec2 c) {
         float q = dot(gradient[p], rgb1);
         float r = behind[p] - (live ? part * q : 0);
         bool counts = drawn && (masked || live);
-        sum += counts ? part * q - r * (masked ? alpha : alpha / (1 - alpha)) : 0; // at least 1 - ALPHA_MAX
+        sum += counts ? part * q - r * (masked ? alpha : alpha / (1 - alpha)) : 0; // the divisor is at least 1 - ALPHA_MAX
         behind[p] = r;
         transmittance[p] = live ? next : drawn && !masked ? 0 : t;
     }

@@ -1,6 +1,6 @@
-// Growth by relocation (3DGS as MCMC, Kheradmand et al. 2024). Before Adam, REGULARISE adds the slopes of the mean opacity and of the mean
-// scale to the rows of gradients. After it, NOISE moves faint Gaussians at random, in proportion to their own covariance, so
-// that they explore; opaque ones stay.
+// Growth by relocation (3DGS as MCMC, Kheradmand et al. 2024). Before Adam, REGULARISE adds the slopes of the mean
+// opacity and of the mean scale to the rows of gradients. After it, NOISE moves faint Gaussians at random, in
+// proportion to their own covariance, so that they explore; opaque ones stay.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -11,13 +11,13 @@
 #include "lib/random.glsl"
 #include "lib/gradient_row.glsl"
 
-/// Phase: slopes of opacities and scales are added to gradients.
+/// Phase: adds slopes of opacities and scales to gradients.
 const uint REGULARISE = 0;
-/// Phase: faint Gaussians move.
+/// Phase: moves faint Gaussians.
 const uint NOISE = 1;
-/// Noise falls with the opacity as a logistic function of this steepness ...
+/// Steepness of the logistic function by which noise falls with the opacity.
 const float STEEPNESS = 100.0;
-/// ... and is half at this opacity: 1 - 0.995.
+/// Opacity at which the noise is half: 1 - 0.995.
 const float HALF_MOVED = 0.005;
 
 layout(constant_id = 2) const uint PHASE = REGULARISE;
@@ -40,7 +40,7 @@ layout(push_constant) uniform Push {
 
 void main() {
     uint i = global_index();
-    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
+    // If pairs did not fit, no iteration counts, from this one until the host has made room.
     if (pairs[1] > pair_limit || i >= count[0]) return;
     float shown = 1 / (1 + exp(-logits[i]));
     vec3 scales = exp(ROW3(log_scales, i));

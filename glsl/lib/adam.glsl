@@ -1,4 +1,4 @@
-// Constants of Adam, those of the 3DGS reference implementation, and the gradients that it takes.
+// Constants of Adam, from the 3DGS reference implementation, and the gradients that it accepts.
 #include "lib/finite.glsl"
 
 /// Decay of the first moment.

@@ -1,6 +1,6 @@
-// Axes of a Gaussian as the overlap takes them: sorted by descending scale, in units of the power of two nearest the largest.
+// Axes of a Gaussian for its overlaps: sorted by descending scale, in units of the power of two nearest the largest.
 
-/// Scales are raised to this share of the Gaussian's largest: float32 cannot tell the overlaps of thinner discs apart.
+/// Share of the Gaussian's largest scale to which the others are raised: float32 cannot distinguish the overlaps of thinner discs.
 const float SCALE_FLOOR = 1e-3;
 
 struct Axes {

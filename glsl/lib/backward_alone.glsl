@@ -1,4 +1,4 @@
-// The backward pass by one subgroup that walks a tile's list once more.
+// The backward pass by one subgroup that walks a tile's list again.
 #include "lib/tile_walk.glsl"
 
 vec3 own_position_sum, own_covariance_sum, own_colour_sum, own_response_sum;

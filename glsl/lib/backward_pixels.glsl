@@ -1,13 +1,13 @@
-// A pixel's part in the backward pass of the rasterisation: what both ways of walking a tile's list share.
+// A pixel's part in the backward pass of the rasterisation, shared by both ways of walking a tile's list.
 //
-// With q = dL/dC . c and R the part of dL/dC . C that lies behind, dL/dalpha = T q - R / (1 - alpha): each pixel carries one
-// scalar instead of three. With h = alpha dL/dalpha the sums are the moments of h over (u, v) of lib/splat.glsl: 1, u, v
-// (gradient by the position), uu, uv, vv (by the covariance); the projection's backward pass goes on from them.
+// With q = dL/dC . c and R the part of dL/dC . C that lies behind, dL/dalpha = T q - R / (1 - alpha): each pixel carries one scalar
+// instead of three. With h = alpha dL/dalpha the sums are the moments of h over (u, v) of lib/splat.glsl: 1, u, v (gradient by the
+// position), uu, uv, vv (by the covariance); the projection's backward pass continues from them.
 #include "lib/tile_pixels.glsl"
 
 layout(binding = 8, std430) readonly buffer ImageGradient { vec4 image_gradient[]; }; // by red, green, blue and alpha
 
-// Sums of a splat; where RESIDUAL, those for responses follow.
+// Sums of a splat; if RESIDUAL, followed by those for responses.
 const uint SUMS = RESIDUAL ? SLOT_SUMS + SLOT_RESPONSES : SLOT_SUMS;
 
 float behind[PIXELS];
@@ -21,12 +21,12 @@ void begin(uint p, uvec2 at) {
     behind[p] = worth(gradient[p], image[max(pixel, 0)]);
 }
 
-// What a splat is to a pixel: h, T alpha, and alpha; all 0 where the pixel does not draw it.
+// A splat's share in a pixel: h, T alpha, and alpha; all 0 if the pixel does not draw it.
 struct Share { float h, part, alpha; };
 
 bool draws(uint p, float power, float cut) { return power <= cut && transmittance[p] > 0; }
 
-// Blends a splat of this distance into a pixel once more.
+// Blends a splat of this distance into a pixel again.
 Share blend_again(uint p, float power, vec4 shape, vec4 rgb1) {
     float t = transmittance[p];
     float free = exp2(shape.y - power);
@@ -39,7 +39,7 @@ Share blend_again(uint p, float power, vec4 shape, vec4 rgb1) {
     float q = worth(gradient[p], rgb1);
     float r = behind[p] - w * q;
     behind[p] = r;
-    float by_alpha = t * q - r / (1 - alpha); // at least 1 - ALPHA_MAX
+    float by_alpha = t * q - r / (1 - alpha); // the divisor is at least 1 - ALPHA_MAX
     transmittance[p] = live ? next : drawn ? 0 : t;
     return Share(live && free < ALPHA_MAX ? alpha * by_alpha : 0, w, live ? alpha : 0);
 }

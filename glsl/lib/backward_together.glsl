@@ -1,8 +1,8 @@
-// Several subgroups walk a tile's list front to back once more, each for a block of the tile's pixels. A batch of splats is
-// staged in shared memory. Each subgroup tells by one ballot for as many splats as it has lanes which of them come near its
-// block, walks those alone, and skips the ones that none of its pixels draws. The sums of a splat over its lanes are formed all
-// at once: every exchange between lanes halves the number of sums that a lane goes on with. They meet in shared memory, where
-// those of the subgroups are added in the order of subgroups.
+// Several subgroups walk a tile's list front to back again, each for a block of the tile's pixels. A batch of splats is
+// staged in shared memory. By one ballot for as many splats as it has lanes, each subgroup finds those that come near
+// its block, walks only these, and skips those that none of its pixels draws. The sums of a splat over the lanes are
+// formed all at once: every exchange between lanes halves the number of sums that a lane continues with. They meet in
+// shared memory, where those of the subgroups are added in the order of subgroups.
 #include "lib/ellipse.glsl"
 #include "lib/blocks_of_tile.glsl"
 
@@ -11,28 +11,28 @@ const uint STAGED = BATCH == 0 ? 1 : BATCH;
 shared vec4 batch_geometry[STAGED];
 shared vec4 batch_shape[STAGED];
 shared vec2 batch_colour[STAGED];
-// Set and read by the invocation that stages the splat.
+// Written and read by the invocation that stages the splat.
 shared uint batch_slot[STAGED];
-shared uint batch_takers[STAGED]; // a bit for each subgroup that has drawn the splat
+shared uint batch_takers[STAGED]; // one bit for each subgroup that has drawn the splat
 shared float batch_sums[BATCH == 0 ? 1 : SUBGROUPS * BATCH * SUMS];
-shared bool finished[SUBGROUPS]; // whether all pixels of a subgroup are done
+shared bool finished[SUBGROUPS]; // by subgroup: true if all its pixels are done
 
-// Numbers of sums that a lane has left after each exchange.
+// Number of sums that a lane has left after each exchange.
 const uint LEFT_1 = (SUMS + 1) / 2, LEFT_2 = (LEFT_1 + 1) / 2, LEFT_3 = (LEFT_2 + 1) / 2, LEFT_4 = (LEFT_3 + 1) / 2;
 const uint LEFT = SUBGROUP >= 16 ? LEFT_4 : SUBGROUP == 8 ? LEFT_3 : LEFT_2;
-uint home[SUMS_MOST]; // which sums these are
+uint home[SUMS_MOST]; // indices of these sums
 
-// Lanes whose numbers differ in one bit share their sums: the lower lane goes on with the first `left`, the upper one with the rest.
+// Lanes that differ in one bit share their sums: the lower lane keeps the first `left`, the upper one the rest.
 void exchange(inout float sums[SUMS_MOST], uint count, uint left, uint bit) {
     bool upper = (gl_SubgroupInvocationID & bit) != 0;
     [[unroll]] for (uint k = 0; k < left; k++) {
-        // Of an odd number the upper lane has one less, and need not keep anything here.
+        // With an odd count the upper lane has one sum less, and its last value is unused.
         float low = sums[k], high = k + left < count ? sums[k + left] : low;
         sums[k] = (upper ? high : low) + subgroupShuffleXor(upper ? low : high, bit);
     }
 }
 
-// Sums over the subgroup: each lane ends with LEFT of them.
+// Sums over the subgroup; each lane ends with LEFT of them.
 void sums_of_lanes(inout float sums[SUMS_MOST]) {
     exchange(sums, SUMS, LEFT_1, 1);
     exchange(sums, LEFT_1, LEFT_2, 2);
@@ -41,7 +41,7 @@ void sums_of_lanes(inout float sums[SUMS_MOST]) {
     [[unroll]] for (uint bit = 16; bit < SUBGROUP; bit *= 2) sums[0] += subgroupShuffleXor(sums[0], bit);
 }
 
-// Which sum ends as a lane's k-th; SUMS where it is none, or another lane has it, too.
+// Index of a lane's k-th sum; SUMS if there is none, or if another lane has it, too.
 uint kept(uint k) {
     uint lane = gl_SubgroupInvocationID;
     bool real = lane < 16;
@@ -53,7 +53,7 @@ uint kept(uint k) {
     return real && k < SUMS ? k : SUMS;
 }
 
-// Blends a staged splat into this lane's pixels, if a pixel of the subgroup draws it, and puts away the subgroup's sums.
+// Blends a staged splat into this lane's pixels, if a pixel of the subgroup draws it, and stores the subgroup's sums.
 bool take(uint n) {
     vec4 g = batch_geometry[n], s = batch_shape[n];
     vec3 k = vec3(g.zw, s.x);

@@ -1,8 +1,8 @@
-// Gradients of a tile's pixels by its splats, in one of two ways: by one subgroup, or by several that share the tile.
+// Gradients of a tile's pixels by its splats, by one subgroup or by several that share the tile.
 //
-// The including shader defines where the sums of lib/slot_sums.glsl, which it includes, go, by hand_in(slot, Gaussian, sums) and hand_in_nothing(slot),
-// and it defines RESIDUAL: whether the image gradient's fourth component is a residual, by which
-// contributions are weighed, instead of dL/dalpha.
+// The including shader includes lib/slot_sums.glsl and defines the destination of its sums, by hand_in(slot, Gaussian,
+// sums) and hand_in_nothing(slot). It also defines RESIDUAL: true if the image gradient's fourth component is a
+// residual, which weights contributions, instead of dL/dalpha.
 layout(constant_id = 6) const uint BATCH = 0; // splats staged in shared memory at a time; 0 where one subgroup walks the tile
 
 // For tests: the ninth sum of a slot is the number of subgroups that have drawn the splat.

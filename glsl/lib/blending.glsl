@@ -1,10 +1,10 @@
-// Constants of blending, those of the 3DGS reference implementation; see docs/method.md.
+// Constants of blending, from the 3DGS reference implementation; see docs/method.md.
 
-/// Contributions of a lower opacity are skipped: 1/255, one step of an 8-bit picture.
+/// Contributions with a lower opacity are skipped: 1/255, one step of an 8-bit picture.
 const float ALPHA_MIN = 0.00392156862745098;
-/// 1 / `ALPHA_MIN`, which kernels multiply by instead.
+/// 1 / `ALPHA_MIN`, by which kernels multiply.
 const float ALPHA_MIN_INVERSE = 255.0;
-/// Greatest opacity of one contribution: what lies behind it keeps some weight, and the backward pass a divisor 1 - alpha.
+/// Greatest opacity of one contribution: it leaves some weight to what lies behind, and a divisor 1 - alpha to the backward pass.
 const float ALPHA_MAX = 0.99;
 /// Blending ends before transmittance falls below this. Two saturated layers leave 1e-4 minus a rounding error: the margin
 /// above 1e-4 settles the tie.

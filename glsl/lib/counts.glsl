@@ -1,14 +1,14 @@
 // Counts in device memory, and the dispatch sizes that follow from them. A shader that sets one declares the buffers
 // `value` and `arguments`.
 
-/// Workgroups of one dimension of a dispatch: the least that Vulkan promises; more go into a second dimension.
+/// Workgroups in one dimension of a dispatch: the minimum that Vulkan guarantees; more go into a second dimension.
 const uint MAX_GROUPS = 65535;
-/// The same where a test asks for other orders: small dispatches then have the surplus workgroups of long ones.
+/// The same in tests of other orders: small dispatches then have surplus workgroups, as long ones do.
 const uint FEW_GROUPS = 67;
 
-// Sets a count, and one triple of dispatch sizes for each of four group sizes. A count beyond its limit becomes 0, so that all
-// later passes over it do nothing; the number that was needed is kept. A dispatch over no elements still has one workgroup, which may
-// have a count to set.
+// Sets a count, and one triple of dispatch sizes for each of four group sizes. A count beyond its limit becomes 0, so
+// that all later passes over it do nothing; the number needed is kept. A dispatch over no elements still has one
+// workgroup, which may have a count to set.
 void set_count(uint count, uint limit, uint sizes[4]) {
     value[1] = max(value[1], count);
     if (count > limit) count = 0;

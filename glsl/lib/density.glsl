@@ -1,16 +1,16 @@
 // Constants of density control.
 
-/// ln 1.6: the halves of a split are so much smaller than their parent (3DGS's value).
+/// ln 1.6: ratio of a parent's scales to those of its halves (3DGS's value).
 const float LN_SHRINK = 0.4700036292457356;
-/// Halves along the longest axis lie so many deviations of the parent from its middle: three times 0.45, ...
+/// Distance of halves along the longest axis from the parent's middle, in its deviations: three times 0.45.
 const float HALF_APART = 1.35;
-/// ... are by -ln 0.55 shorter, so that three deviations end where the parent's do, ...
+/// -ln 0.55, by which they are shorter, so that three deviations end where the parent's do.
 const float LN_SHORTER = 0.5978370007556204;
-/// ... by -ln sqrt(1 - 0.45^2) thinner, ...
+/// -ln sqrt(1 - 0.45^2), by which they are thinner.
 const float LN_THINNER = 0.11313672216156874;
-/// ... and have this share of its opacity (values of Improved-GS).
+/// Their share of the parent's opacity (values of Improved-GS).
 const float HALF_OPACITY = 0.6;
-/// A row of the new model that was there before.
+/// A row of the new model that existed before.
 const uint KEPT = 0;
 /// The second of two copies of a row.
 const uint CLONE = 1;

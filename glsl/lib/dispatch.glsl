@@ -11,9 +11,9 @@ layout(constant_id = 1) const uint SUBGROUP = 32; // filled in by the device
 layout(constant_id = 100) const bool BACKWARDS = false; // filled in by the device, for tests
 layout(local_size_x_id = 0) in;
 
-// Index of this workgroup: long dispatches are laid out in two dimensions. Tests number the workgroups from the last one, so
-// that a kernel that relies on their order shows it; in two dimensions from the middle one down, then from the last one, so that
-// surplus workgroups come before some others and after some.
+// Index of this workgroup: long dispatches are laid out in two dimensions. Tests number the workgroups from the last
+// one, to expose kernels that rely on their order; in two dimensions from the middle one down, then from the last one,
+// so that surplus workgroups come before some others and after some.
 uint group_index() {
     uint index = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
     if (!BACKWARDS) return index;

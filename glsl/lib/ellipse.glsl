@@ -1,5 +1,5 @@
-// The ellipse where a splat's alpha falls to 1/255: which part of it lies between two rows. A splat has u = k.x d.x + k.y d.y and
-// v = k.z d.y of an offset d from its mean (lib/splat.glsl); the ellipse is u u + v v <= cut.
+// The ellipse where a splat's alpha falls to 1/255, and its part between two rows. For an offset d from its mean, a
+// splat has u = k.x d.x + k.y d.y and v = k.z d.y (lib/splat.glsl); the ellipse is u u + v v <= cut.
 
 // Cuts are widened by this factor, so that rounding here never drops a pixel that the rasteriser would draw.
 const float CUT_MARGIN = 1.001;
@@ -20,7 +20,7 @@ vec2 ellipse_columns(vec3 k, float cut, float turn, float low, float high) {
     return vec2(-sqrt(max(0.0, cut - left * left)) - turn * left, sqrt(max(0.0, cut - right * right)) - turn * right) / k.x;
 }
 
-// Whether the ellipse comes near a rectangle; false only if no point of it lies within.
+// False only if no point of the ellipse lies within the rectangle.
 bool ellipse_touches(vec2 mean, vec3 k, float cut, vec2 low, vec2 high) {
     vec2 margin = position_margin(mean);
     float wide = cut * CUT_MARGIN;

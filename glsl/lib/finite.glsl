@@ -1,10 +1,10 @@
-// Whether numbers are finite, by their bits. Vulkan lets a driver assume that there is no NaN and no infinity: isnan and isinf may
-// become false, and a comparison that a NaN decides, min, max and clamp may come out either way.
+// Tests for finite numbers, by their bits. Vulkan lets a driver assume that there is no NaN and no infinity: isnan and
+// isinf may become false, and a comparison with a NaN, min, max and clamp may come out either way.
 
 #ifndef FINITE
 #define FINITE
 
-// The bits of a float's exponent, all set where it is not finite; as a float they are infinity.
+// The bits of a float's exponent, all set if it is not finite; as a float they are infinity.
 const uint EXPONENT_BITS = 0x7f800000;
 
 uint magnitude_bits(float x) { return floatBitsToUint(x) & 0x7fffffff; }

@@ -1,4 +1,4 @@
-// One row of floats for each Gaussian: the gradients that the projection's backward pass leaves. ROW_* are offsets into it.
+// One row of floats for each Gaussian: the gradients from the projection's backward pass. ROW_* are offsets into it.
 
 /// Floats of a row.
 const uint ROW = 18;
@@ -14,5 +14,5 @@ const uint ROW_LOGIT = 10;
 const uint ROW_COLOUR = 11;
 /// Unit vector of the view, three floats: the optimiser evaluates the SH basis on it again.
 const uint ROW_DIRECTION = 14;
-/// 1; or 0 where a gradient is not finite, and none of the Gaussian's parameters may move.
+/// 1; or 0 if a gradient is not finite, so that none of the Gaussian's parameters may change.
 const uint ROW_GOOD = 17;

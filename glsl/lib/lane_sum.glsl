@@ -1,4 +1,4 @@
-// subgroupAdd. Small subgroups use shuffles: CPU devices run the built-in as a loop with one branch a lane.
+// subgroupAdd. Small subgroups use shuffles: CPU devices run the built-in as a loop with one branch per lane.
 vec4 lane_sum(vec4 x) {
     if (SUBGROUP != 8) return subgroupAdd(x);
     x += subgroupShuffleXor(x, 1);

@@ -1,5 +1,5 @@
-// All pairs of a block, one workgroup for each tile of SUBGROUP rows by COLUMNS columns of its lower triangle. Each lane owns a
-// row. Columns are broadcast in turn, so that a Gaussian is read once for each tile.
+// All pairs of a block, one workgroup for each tile of SUBGROUP rows by COLUMNS columns of its lower triangle. Each
+// lane owns a row. Columns are broadcast in turn, so that a Gaussian is read once for each tile.
 //
 // The including shader defines overlap(x, y): the normalised overlap of two Gaussians.
 #include "lib/finite.glsl"
@@ -19,7 +19,7 @@ layout(push_constant) uniform Push {
     uint first_member;
 };
 
-const int LEAST_EXPONENT = -100; // the overlap with a Gaussian this much smaller is 0 in effect
+const int LEAST_EXPONENT = -100; // the overlap with a Gaussian this much smaller is effectively 0
 
 mat4 axes_row(uint n) { return mat4(axes[4 * n], axes[4 * n + 1], axes[4 * n + 2], axes[4 * n + 3]); }
 

@@ -1,11 +1,11 @@
 // The fourth byte of a photo's pixels.
 
-/// The fourth byte means nothing.
+/// The fourth byte has no meaning.
 const uint OPAQUE = 0;
 /// The fourth byte is the opacity of the photo over the background.
 const uint OPACITY = 1;
 
-// A channel's value in a pixel of a photo, 8 bits each.
+// Value of a channel in a pixel of a photo, 8 bits each.
 float photo_value(uint pixel, uint channel, uint fourth_byte, float background) {
     float value = float((pixel >> (8 * channel)) & 255u) * (1 / 255.0);
     if (fourth_byte == OPACITY) {

@@ -1,7 +1,7 @@
 // Perspective projection of one Gaussian to the image plane (EWA splatting), shared by the forward and backward passes.
 #include "lib/finite.glsl"
 
-/// A quaternion whose largest component is smaller than this is no rotation, and its Gaussian is culled.
+/// A quaternion whose largest component is smaller than this is not a rotation, and its Gaussian is culled.
 const float MIN_QUATERNION = 1e-6;
 /// Floor of det0 / det under the root of the anti-aliasing factor, which keeps its slope finite.
 const float MIN_ANTIALIAS = 2.5e-5;
@@ -9,14 +9,14 @@ const float MIN_ANTIALIAS = 2.5e-5;
 const float LOG2_E = 1.4426950408889634;
 
 struct Projection {
-    bool there;      // in front of the near plane, with a rotation and a finite covariance
+    bool there;      // in front of the near plane, with a valid rotation and a finite covariance
     vec3 direction;  // unit vector from the camera to the mean, world axes
     vec2 mean;       // pixels from the view's origin
     float depth;
     vec3 covariance; // a, b, c with the dilation, square pixels
     float det0;      // determinant without the dilation, times shrink^4
     float det;       // with it, times shrink^4
-    float shrink;    // 1, or so small that a Gaussian of any size keeps products of four lengths within float32
+    float shrink;    // 1, or small enough that products of four lengths stay within float32 for a Gaussian of any size
     // Intermediate results that the backward pass needs.
     vec3 position;   // camera axes
     vec2 slope;      // x/z and y/z, clamped
@@ -29,7 +29,7 @@ struct Projection {
     float norm;      // of the stored one
 };
 
-// Rotation matrix of a quaternion (w, x, y, z) of any length; false when it is no rotation. It is first divided by its
+// Rotation matrix of a quaternion (w, x, y, z) of any length; false if it is not a rotation. It is first divided by its
 // largest component, since the squares of extreme ones leave float32's range.
 bool rotation_of(vec4 stored, out mat3 r, out vec4 q, out float norm) {
     float largest = max(max(abs(stored.x), abs(stored.y)), max(abs(stored.z), abs(stored.w)));
@@ -59,7 +59,7 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
 
     vec2 clamped = clamp(t.xy / t.z, -v.tangent_limit, v.tangent_limit);
     // Rows of the Jacobian times the rotated axes: the covariance then consists of dot products, and its determinant is
-    // the square of a cross product, which cannot go negative.
+    // the square of a cross product, which cannot become negative.
     mat3 axes = camera * p.rotation;
     p.scale = exp(log_scale);
     vec2 f = v.focal / t.z;

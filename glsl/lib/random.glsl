@@ -5,8 +5,8 @@ uint hash(uint x) { // PCG's output permutation (O'Neill 2014) over one linear c
     return (x >> 22) ^ x;
 }
 
-// Two independent standard normals (Box and Muller). The angle is turned back by half a turn: Vulkan promises the precision of
-// sine and cosine within [-pi, pi] only.
+// Two independent standard normals (Box and Muller). The angle is shifted by half a turn: Vulkan guarantees the
+// precision of sine and cosine within [-pi, pi] only.
 vec2 normals(uvec4 key) {
     uint h = hash(key.x ^ hash(key.y ^ hash(key.z ^ hash(key.w))));
     float u = (float(h >> 8) + 1) / 16777217.0;

@@ -1,11 +1,11 @@
-// The parts of a scan that blocks have in common. Each subgroup owns a contiguous run of ROWS x SUBGROUP elements. A shader
-// that includes this declares ROWS, FEW_BLOCKS and `sums`: of each block where blocks are few, else of those before it.
+// The parts that all blocks of a scan share. Each subgroup owns a contiguous run of ROWS x SUBGROUP elements. The including shader
+// declares ROWS, FEW_BLOCKS and `sums`: of each block if blocks are few, otherwise of all previous blocks.
 
 const uint SUBGROUPS = WORKGROUP / SUBGROUP;
 const uint BLOCK = WORKGROUP * ROWS;
 shared uint partial[SUBGROUPS];
 
-// Sums over blocks saturate: a total beyond 32 bits must not pass for one that fits.
+// Sums over blocks saturate: a total beyond 32 bits must not appear to fit.
 uint saturated(uint a, uint b) {
     uint sum = a + b;
     return sum < a ? 0xffffffff : sum;
@@ -26,7 +26,7 @@ uint before(uint subgroups) {
     return sum;
 }
 
-// Sum over the workgroup of what each invocation has, words of up to 32 bits.
+// Sum over the workgroup of one word of up to 32 bits per invocation.
 uint sum_of_workgroup(uint sum) {
     sum = saturated(subgroupAdd(halves(sum)));
     if (subgroupElect()) partial[gl_SubgroupID] = sum;
@@ -47,12 +47,12 @@ uint before_run(uint sum) {
     return before(gl_SubgroupID);
 }
 
-// The sum of the blocks before this one. Where they are few, the last block also sets the total as a count.
+// The sum of the blocks before this one. If they are few, the last block also sets the total as a count.
 uint before_block(uint n) {
     if (!FEW_BLOCKS) return group_index() * BLOCK < n ? sums[group_index()] : 0;
     uint sum = 0;
     for (uint at = gl_LocalInvocationID.x; at < group_index() && at * BLOCK < n; at += WORKGROUP) sum = saturated(sum, sums[at]);
-    barrier(); // `partial` was read
+    barrier(); // `partial` has been read
     sum = sum_of_workgroup(sum);
     uint first = group_index() * BLOCK;
     bool last = first < n ? n - first <= BLOCK : group_index() == 0;

@@ -2,8 +2,8 @@
 //
 // With m = E[x], r = E[(x - y)^2], c = E[xy] under the window and n = E[y], SSIM's map is s = AB / ED of
 //   A = 2 m n + C1, E = A + (m - n)^2, B = 2 (c - m n) + C2, D = B + r - (m - n)^2,
-// which equals the usual quotient. For nearly equal pictures 1 - s is no difference of large numbers here, so that it and its
-// slopes are exact near the end of training.
+// which equals the usual quotient. For nearly equal pictures 1 - s is not a difference of large numbers here, so that
+// it and its slopes are exact near the end of training.
 //   d(sum s)/dx = W(ds/dm) + 2 (x - y) W(ds/dr) + y W(ds/dc), where W is the same, symmetric window.
 
 /// Samples of the window along an axis.

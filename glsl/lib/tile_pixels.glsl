@@ -1,4 +1,4 @@
-// A tile's list of splats and its pixels: what all walks that go over a picture once more read, and each pixel's transmittance.
+// A tile's list of splats and its pixels, as read by all further walks over a picture, and each pixel's transmittance.
 #include "lib/blending.glsl"
 #include "lib/view.glsl"
 #include "lib/splat.glsl"
@@ -19,7 +19,7 @@ layout(binding = 7, std430) readonly buffer Image { vec4 image[]; };
 vec2 centre[PIXELS]; // from the view's origin
 float transmittance[PIXELS]; // 0 once the pixel is done
 
-// Sets a pixel's place. Returns its number in the picture, or -1 outside.
+// Sets a pixel's position. Returns its index in the picture, or -1 outside.
 int place(uint p, uvec2 at) {
     uvec2 size = view[0].size;
     bool inside = all(lessThan(at, size));

@@ -1,11 +1,11 @@
-// One subgroup walks a tile's list front to back, its pixels in registers; lane n keeps splat n's sums over those pixels and hands
-// them in. For devices whose shared memory and barriers are dear.
+// One subgroup walks a tile's list front to back, its pixels in registers; lane n keeps splat n's sums over those
+// pixels and hands them in. For devices on which shared memory and barriers are expensive.
 #include "lib/lane_sum.glsl"
 #include "lib/walked_tile.glsl"
 
-// Begins pixel p of this invocation, at a place in the picture.
+// Begins pixel p of this invocation, at a position in the picture.
 void begin(uint p, uvec2 at);
-// Makes this lane's own sums zero.
+// Sets this lane's own sums to zero.
 void forget();
 // Sums splat n of the group over all pixels; lane n keeps the sums.
 void visit(uint n, vec4 geometry, vec4 shape, vec2 colour);

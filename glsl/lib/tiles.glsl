@@ -4,7 +4,7 @@
 
 /// Culling: the ellipse where alpha falls to 1/255, tile by tile.
 const uint EXACT = 0;
-/// Culling: the square of three standard deviations, as the 3DGS reference does it.
+/// Culling: the square of three standard deviations, as in the 3DGS reference.
 const uint THREE_SIGMA = 1;
 /// No culling: every splat in every tile.
 const uint OFF = 2;
@@ -45,10 +45,10 @@ Footprint footprint_of(vec2 mean, vec2 origin, vec3 k, float cut) {
     return f;
 }
 
-// The first and one past the last of `tiles` with pixel centres within [low, high], both measured from `origin`; none
-// where one of them is not a number.
+// The first and one past the last of `tiles` with pixel centres within [low, high], both relative to `origin`; none if
+// one of the two is NaN.
 uvec2 tile_span(float low, float high, float origin, uint tiles) {
-    // Pixel p has its centre at p + 0.5, so that sums are whole numbers and exact. The clamp precedes the conversion to
+    // Pixel p has its centre at p + 0.5, so sums are whole numbers and exact. The clamp precedes the conversion to
     // integers, which is undefined for huge floats.
     if (nan(low) || nan(high)) return uvec2(0);
     float most = float(tiles * TILE);
@@ -63,8 +63,8 @@ uvec2 tile_rows(Footprint f, uvec2 tiles) {
     return tile_span(f.mean.y - f.box.y, f.mean.y + f.box.y, f.origin.y, tiles.y);
 }
 
-// The tiles of one row that the ellipse touches: one span, from the leftmost to the rightmost point of its part between the row's
-// first and last pixel centres.
+// The tiles of one row that the ellipse touches: one span, from the leftmost to the rightmost point of its part between
+// the row's first and last pixel centres.
 uvec2 tile_columns(Footprint f, uint row, uvec2 tiles) {
     if (CULLING == OFF) return uvec2(0, tiles.x);
     if (CULLING != EXACT) return tile_span(f.mean.x - f.box.x, f.mean.x + f.box.x, f.origin.x, tiles.x);

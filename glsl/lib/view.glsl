@@ -1,12 +1,12 @@
-// The camera as kernels see it. Conventions: x right, y down, z forward; pixel centres at + 0.5.
+// The camera in the kernels' form. Conventions: x right, y down, z forward; pixel centres at + 0.5.
 
-/// Inside the projection's Jacobian x/z and y/z are clamped to this multiple of the half field of view's tangent (3DGS's
-/// value): further out the linearisation would blow Gaussians up.
+/// Inside the projection's Jacobian x/z and y/z are clamped to this multiple of the half field of view's tangent
+/// (3DGS's value): further out the linearisation would enlarge Gaussians excessively.
 const float FIELD_MARGIN = 1.3;
-/// Variance that is added to every splat of a plain model, in square pixels: the 3DGS reference's value, which every viewer
-/// of such models takes.
+/// Variance added to every splat of a plain model, in square pixels: the 3DGS reference's value, which every viewer of
+/// such models uses.
 const float DILATION = 0.3;
-/// Variance that is added to every splat of an anti-aliased model, in square pixels: near a pixel's own, 1/12, as in
+/// Variance added to every splat of an anti-aliased model, in square pixels: near a pixel's own, 1/12, as in
 /// Mip-Splatting.
 const float DILATION_ANTIALIAS = 0.1;
 /// Gaussians nearer to the camera's plane than this are culled, in world units (3DGS's value).
@@ -29,12 +29,12 @@ struct View {
 
 mat3 world_to_camera(View v) { return transpose(mat3(v.rotation[0].xyz, v.rotation[1].xyz, v.rotation[2].xyz)); }
 
-// The point of the whole picture from which positions are measured, in pixels from the upper left corner of this part. The error
-// of a float32 position is 6e-8 of its distance from there: next to nothing near the middle, however wide the picture. Positions
-// do not depend on the part, so that its pixels are those of the whole picture, bit for bit.
+// Origin of positions in the whole picture, in pixels from the upper left corner of this part. The error of a float32
+// position is 6e-8 of its distance from the origin: almost zero near the middle, however wide the picture. Positions do
+// not depend on the part, so that its pixels are those of the whole picture, bit for bit.
 vec2 origin(View v) { return vec2(v.whole / 2u) - vec2(v.corner); }
 
-// From the camera's centre to a point in the world: exact for near points, however far the scene lies from its origin.
+// Offset from the camera's centre to a world point: exact for near points, however far the scene lies from its origin.
 vec3 from_centre(View v, vec3 point) {
     precise vec3 near = point - v.centre.xyz;
     precise vec3 exact = near - vec3(v.rotation[0].w, v.rotation[1].w, v.rotation[2].w);

@@ -1,5 +1,5 @@
-// Stream compaction: the indices whose flags are set, in order, each with its key. The last phase of a scan of the flags:
-// nothing is written but what is kept, and its number where blocks are few.
+// Stream compaction: the indices whose flags are set, in order, each with its key. The last phase of a scan of the
+// flags: only kept elements are written, and their number if blocks are few.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

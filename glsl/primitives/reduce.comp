@@ -1,4 +1,4 @@
-// Sum of an array by one workgroup, in a fixed order: for results that the host reads now and then.
+// Sum of an array by one workgroup, in a fixed order: for results that the host reads occasionally.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

@@ -1,6 +1,6 @@
-// Exclusive prefix sum in three phases: sums of blocks, scan of those sums by one workgroup, which also sets the total as a count,
-// scan within blocks. Where blocks are few, each sums those before it in the last phase, and the one between goes. There is no
-// look-back, which needs forward progress that software devices do not guarantee.
+// Exclusive prefix sum in three phases: sums of blocks, scan of those sums by one workgroup, which also sets the total
+// as a count, scan within blocks. If blocks are few, each sums all previous ones in the last phase, and the second
+// phase is left out. There is no look-back, which needs forward progress that software devices do not guarantee.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
@@ -14,16 +14,16 @@ const uint APPLY = 2;
 
 layout(constant_id = 2) const uint PHASE = REDUCE;
 layout(constant_id = 3) const uint ROWS = 16;
-// Whether the elements are source[indices[i]]; the first phase then leaves them in `target`.
+// True if the elements are source[indices[i]]; the first phase then leaves them in `target`.
 layout(constant_id = 4) const bool GATHER = false;
-layout(constant_id = 5) const bool FEW_BLOCKS = false; // whether there is no second phase
+layout(constant_id = 5) const bool FEW_BLOCKS = false; // true if there is no second phase
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer Indices { uint indices[]; };
 layout(binding = 2, std430) readonly buffer Source { uint source[]; };
 layout(binding = 3, std430) buffer Sums { uint sums[]; };
 layout(binding = 4, std430) buffer Target { uint target[]; };
-layout(binding = 5, std430) buffer Value { uint value[]; }; // the total: 0 where it exceeds its limit; 1: the largest ever needed
+layout(binding = 5, std430) buffer Value { uint value[]; }; // 0: the total, or 0 beyond its limit; 1: the largest ever needed
 layout(binding = 6, std430) writeonly buffer Arguments { uint arguments[]; };
 layout(push_constant) uniform Push { uint limit; uint sizes[4]; };
 

@@ -1,8 +1,8 @@
-// One pass of a stable least-significant-digit radix sort in three phases: count digits per block, scan the counts of each digit
-// over the blocks, scatter. Where blocks are few, every block of the last phase sums the counts of those before it, and the
-// second phase goes: on a GPU, starting it takes longer.
-// Within a block each rank unit (a subgroup, or one invocation where SERIAL) owns a contiguous run of keys, so that order
-// among equal digits is order of position: the sort is stable, and the same on every device.
+// One pass of a stable least-significant-digit radix sort in three phases: count digits per block, scan the counts of
+// each digit over the blocks, scatter. If blocks are few, every block of the last phase sums the counts of all previous
+// ones, and the second phase is left out: on a GPU, starting it takes longer. Within a block each rank unit (a
+// subgroup, or one invocation if SERIAL) owns a contiguous run of keys, so that the order among equal digits is the
+// order of position: the sort is stable, and equal on every device.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -10,7 +10,7 @@
 
 /// Phase: counts the digits of each block.
 const uint COUNT_DIGITS = 0;
-/// Phase: scans the counts of each digit over the blocks. A rank unit takes a digit.
+/// Phase: scans the counts of each digit over the blocks, one rank unit per digit.
 const uint SCAN_DIGITS = 1;
 /// Phase: scatters keys and values by the scanned counts.
 const uint SCATTER = 2;
@@ -18,16 +18,16 @@ const uint SCATTER = 2;
 layout(constant_id = 2) const uint PHASE = COUNT_DIGITS;
 layout(constant_id = 3) const uint ROWS = 16; // keys per invocation
 layout(constant_id = 4) const uint DIGIT_BITS = 8;
-// Whether each invocation ranks a run of its own, without ballots, which cost more than they save where lanes share one core.
+// True if each invocation ranks a run of its own, without ballots, which cost more than they save if lanes share one core.
 layout(constant_id = 5) const bool SERIAL = false;
-layout(constant_id = 6) const bool FEW_BLOCKS = false; // whether there is no second phase
-// Whether a block sorts its own keys in shared memory first, so that neighbouring invocations write neighbouring words.
+layout(constant_id = 6) const bool FEW_BLOCKS = false; // true if there is no second phase
+// True if a block first sorts its own keys in shared memory, so that neighbouring invocations write neighbouring words.
 layout(constant_id = 7) const bool STAGED = false;
 
 layout(binding = 0, std430) readonly buffer Count { uint count[]; };
 layout(binding = 1, std430) readonly buffer KeysIn { uint keys_in[]; };
 layout(binding = 2, std430) readonly buffer ValuesIn { uint values_in[]; };
-layout(binding = 3, std430) buffer Digits { uint digits[]; }; // [digit][block], then the total of each digit; [block][digit] where FEW_BLOCKS
+layout(binding = 3, std430) buffer Digits { uint digits[]; }; // [digit][block], then the total of each digit; [block][digit] if FEW_BLOCKS
 layout(binding = 4, std430) writeonly buffer KeysOut { uint keys_out[]; };
 layout(binding = 5, std430) writeonly buffer ValuesOut { uint values_out[]; };
 layout(push_constant) uniform Push { uint shift; };
@@ -35,14 +35,14 @@ layout(push_constant) uniform Push { uint shift; };
 const uint RADIX = 1u << DIGIT_BITS;
 const uint BLOCK = WORKGROUP * ROWS;
 const uint UNITS = SERIAL ? WORKGROUP : WORKGROUP / SUBGROUP;
-// Keys and values that an invocation holds in registers: it asks for all of them before it needs the first.
+// Keys and values that an invocation holds in registers: it loads all of them before it needs the first.
 const uint HELD = SERIAL ? 1 : ROWS;
 uint held_keys[HELD], held_values[HELD];
-// Of each unit; where STAGED, they become the block's words, no more than counters of 8 bits.
+// Counters of each unit; if STAGED, they are reused for the block's words, which need no more space than counters of 8 bits.
 const uint COUNTERS = UNITS * (STAGED ? 256 : RADIX);
 shared uint counters[COUNTERS];
 shared uint totals[RADIX];
-shared uint starts[RADIX]; // where the block's keys of each digit go
+shared uint starts[RADIX]; // destination of the block's keys of each digit
 
 uint digit_of(uint key) { return (key >> shift) & (RADIX - 1); }
 
@@ -75,7 +75,7 @@ uint key(uint row, uint n) {
     return position(row) < n ? keys_in[position(row)] : 0;
 }
 
-// The lanes of this subgroup that hold the same digit, this one included. Lanes without a key stay out.
+// The lanes of this subgroup with the same digit, including this one. Lanes without a key are excluded.
 uvec4 peers(uint digit, bool there) {
     uvec4 same = subgroupBallot(there);
     for (uint bit = 0; bit < DIGIT_BITS; bit++) {
@@ -86,7 +86,7 @@ uvec4 peers(uint digit, bool there) {
     return same;
 }
 
-// The number of keys with this digit that this unit has seen before this one.
+// The number of earlier keys with this digit in this unit.
 uint rank(uint digit, bool there) {
     uint slot = unit() * RADIX + digit;
     if (SERIAL) {
@@ -111,7 +111,7 @@ void count_digits(uint n) {
         bool there = position(row) < n;
         uint digit = digit_of(key(row, n));
         if (SERIAL) rank(digit, there);
-        else if (there) atomicAdd(counters[digit], 1); // sums of integers have no order
+        else if (there) atomicAdd(counters[digit], 1); // sums of integers do not depend on the order
     }
     barrier();
     uint blocks = (n + BLOCK - 1) / BLOCK;
@@ -147,12 +147,12 @@ void scan_digits(uint n) {
     if (SERIAL || subgroupElect()) digits[RADIX * blocks + digit] = sum;
 }
 
-// The number of keys of each digit, and in `starts` of those with this digit in blocks before this one.
+// The number of keys of each digit, and in `starts` the number of those in previous blocks.
 void count_before(uint blocks) {
     for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) {
         uint total = 0, before = 0;
         if (FEW_BLOCKS) {
-            // As with keys: several are asked for before the first is needed.
+            // As with keys: several are loaded before the first is needed.
             for (uint first = 0; first < blocks; first += 8) {
                 uint own[8];
                 [[unroll]] for (uint k = 0; k < 8; k++) own[k] = first + k < blocks ? digits[(first + k) * RADIX + digit] : 0;
@@ -184,7 +184,7 @@ void scan_totals() {
     }
 }
 
-// Turns the counters of a digit into sums over the units before each, from `start` on; gives the sum of all.
+// Turns the counters of a digit into sums over the units before each, starting at `start`; returns the sum of all.
 uint scan_units(uint digit, uint start) {
     for (uint u = 0; u < UNITS; u++) {
         uint own = counters[u * RADIX + digit];
@@ -194,7 +194,7 @@ uint scan_units(uint digit, uint start) {
     return start;
 }
 
-// Writes keys and values where their ranks say.
+// Writes keys and values at the positions given by their ranks.
 void write_by_rank(uint n, uint ranks[ROWS]) {
     for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) scan_units(digit, starts[digit]);
     barrier();
@@ -209,7 +209,7 @@ void write_by_rank(uint n, uint ranks[ROWS]) {
     }
 }
 
-// The same by way of shared memory, where the block's words lie in their order.
+// The same through shared memory, where the block's words are put in order.
 void write_staged(uint n, uint ranks[ROWS]) {
     for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) totals[digit] = scan_units(digit, 0);
     barrier();

@@ -1,4 +1,4 @@
-// Tells of every invocation how its subgroup looks from inside: what the host compares with the width that kernels are
+// Reports each invocation's subgroup as seen from inside; the host compares it with the width that kernels are
 // specialised for.
 #version 460
 #extension GL_GOOGLE_include_directive : require

@@ -17,15 +17,15 @@ layout(push_constant) uniform Push {
     uint first;         // member at which the batch begins
     uint count;
     float log_dilation; // ln of the standard deviation added to each axis in quadrature; very negative for none
-    float least;        // scales are raised to this share of the largest
+    float least;        // share of the largest scale to which the others are raised
 };
 
 const float LARGEST_LOG = 69; // e^69 is 2^99.5: 2 to the difference of two exponents is still a float
-// ln 2 in two parts, the first of so few bits that its product with an exponent is exact.
+// ln 2 in two parts, the first with so few bits that its product with an exponent is exact.
 const float LN_2_HIGH = 0.693359375;
 const float LN_2_LOW = -2.1219444005469057e-4;
 
-// exp(x) / 2^e, as exact where x is near e ln 2 as exp is near 0.
+// exp(x) / 2^e, as exact for x near e ln 2 as exp is near 0.
 float scaled_exp(float x, float e) {
     precise float high = x - e * LN_2_HIGH;
     return exp(high - e * LN_2_LOW);
@@ -41,10 +41,10 @@ void main() {
     float norm;
     if (!rotation_of(rotations[i], r, unit, norm)) r = mat3(1);
     [[unroll]] for (uint k = 0; k < 3; k++) {
-        // A scale that is not a number counts as the smallest.
+        // A NaN scale counts as the smallest.
         logs[k] = nan(logs[k]) ? -LARGEST_LOG : clamp(logs[k], -LARGEST_LOG, LARGEST_LOG);
     }
-    // Three exchanges sort.
+    // Sorts by three exchanges.
     if (logs.x < logs.y) { logs.xy = logs.yx; vec3 t = r[0]; r[0] = r[1]; r[1] = t; }
     if (logs.y < logs.z) { logs.yz = logs.zy; vec3 t = r[1]; r[1] = r[2]; r[2] = t; }
     if (logs.x < logs.y) { logs.xy = logs.yx; vec3 t = r[0]; r[0] = r[1]; r[1] = t; }

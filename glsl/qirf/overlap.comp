@@ -42,7 +42,7 @@ float by_qr(Axes x, Axes y) {
 }
 
 float overlap(Axes x, Axes y) {
-    // A Gaussian whose mean is not a number overlaps with nothing.
+    // A Gaussian with a NaN mean overlaps with nothing.
     float n = by_qr(x, y);
     return finite(n) ? min(n, 1.0) : 0;
 }

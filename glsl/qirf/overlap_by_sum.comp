@@ -1,5 +1,5 @@
-// The overlaps of qirf/overlap.comp by the determinant and adjugate of the sum of the two covariances, as the formula is usually
-// written. Only the sweep runs it, to show what forming the sum costs.
+// The overlaps of qirf/overlap.comp by the determinant and adjugate of the sum of the two covariances, as the formula
+// is usually written. Only the sweep runs it, to measure the cost of forming the sum.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -7,7 +7,7 @@
 
 #include "lib/overlap_walk.glsl"
 
-// Not from 0 / 0, whose bits differ between drivers.
+// A constant instead of 0 / 0, whose bits differ between drivers.
 float not_a_number() { return uintBitsToFloat(0x7fc00000); }
 
 // Adds the covariance of axes of scale s: xx, xy, xz; yy, yz, zz.
@@ -21,7 +21,7 @@ void add_covariance(Axes a, vec3 s, inout vec3 row_x, inout vec3 rest) {
 
 float by_sum(Axes x, Axes y) {
     vec3 row = vec3(0), rest = vec3(0);
-    // The determinant is taken in world units, as it usually is.
+    // The determinant is taken in world units, as usual.
     vec3 sx = x.scale * power_of_two(max(x.exponent, LEAST_EXPONENT));
     vec3 sy = y.scale * power_of_two(max(y.exponent, LEAST_EXPONENT));
     add_covariance(x, sx, row, rest);

@@ -1,8 +1,8 @@
-// The low-rank generalized eigenproblem (Q7) of a batch's blocks in float32, one subgroup for each block: N + eps I = L L^T,
-// B = L^-1 W, the eigenpairs (lambda, y) of the 8x8 matrix B^T B, and the participations (Q8) q_i = sum over the leading k of
-// (L^-T B y_k)_i^2. The gains are the same with H = W sqrt(d) in place of W: B's columns are scaled, and the rest is done again.
+// The low-rank generalized eigenproblem (Q7) of a batch's blocks in float32, one subgroup for each block: N + eps I = L L^T, B =
+// L^-1 W, the eigenpairs (lambda, y) of the 8x8 matrix B^T B, and the participations (Q8) q_i = sum over the leading k of (L^-T B
+// y_k)_i^2. The gains are the same with H = W sqrt(d) in place of W: B's columns are scaled, and the rest is repeated.
 //
-// W^T stands below N as eight more rows: factorising the stack leaves B^T there. L replaces N, and B replaces W.
+// W^T is appended below N as eight more rows: factorising the stack leaves B^T there. L replaces N, and B replaces W.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -10,7 +10,7 @@
 #include "lib/finite.glsl"
 #include "lib/responses.glsl"
 
-/// Numbers of a block's solution besides those of its members: eigenvalues, how many lead, and whether it failed.
+/// Numbers in a block's solution besides those per member: eigenvalues, number of leading ones, failure.
 const uint EXTRA = 10;
 
 layout(binding = 0, std430) readonly buffer Blocks { uvec4 blocks[]; }; // first member, m, offset in its batch's matrices, -
@@ -28,10 +28,10 @@ layout(push_constant) uniform Push {
 };
 
 const uint SWEEPS = 8;    // of Jacobi rotations; convergence is quadratic from the third on
-const float SLACK = 1e-6; // of the share of energy that is compared with tau
+const float SLACK = 1e-6; // tolerance when the share of energy is compared with tau
 
 shared float products[CHANNELS][CHANNELS]; // B^T B
-shared float g[CHANNELS][CHANNELS]; // the matrix that is diagonalised; its diagonal becomes lambda
+shared float g[CHANNELS][CHANNELS]; // the matrix being diagonalised; its diagonal becomes lambda
 shared float y[CHANNELS][CHANNELS]; // eigenvectors as columns
 shared uint place[CHANNELS];        // columns by descending lambda
 
@@ -55,7 +55,7 @@ void full_barrier() {
     barrier();
 }
 
-// Factorises column by column, each from those before; false where a pivot is not positive, or not finite.
+// Factorises column by column, each from the previous ones; false if a pivot is not positive, or not finite.
 bool factorise(uint lane) {
     for (uint c = 0; c < m; c++) {
         float square = 0;
@@ -76,7 +76,7 @@ bool factorise(uint lane) {
     return true;
 }
 
-// B^T B; false where it is not finite.
+// Computes B^T B; false if it is not finite.
 bool gram(uint lane) {
     bool sound = true;
     for (uint a = 0; a < CHANNELS; a++) {
@@ -115,7 +115,7 @@ void diagonalise(uint lane) {
                 float off = g[p][q];
                 float theta = (g[q][q] - g[p][p]) / (2 * off);
                 float t = (theta < 0 ? -1 : 1) / (abs(theta) + sqrt(theta * theta + 1));
-                // No rotation where the entry is negligible beside the diagonal.
+                // No rotation if the entry is negligible beside the diagonal.
                 bool idle = !finite(theta) || off * off <= 1e-16 * abs(g[p][p] * g[q][q]);
                 t = idle ? 0 : t;
                 float c = inversesqrt(1 + t * t), s = t * c;
@@ -139,10 +139,10 @@ void diagonalise(uint lane) {
     }
 }
 
-// An eigenvalue, from the diagonal; one that rotations let overflow ranks last, so that every input has an order.
+// An eigenvalue, from the diagonal; one that overflowed in rotations ranks last, so that every input has an order.
 float eigenvalue(uint k) { return finite(g[k][k]) ? g[k][k] : -1; }
 
-// Sorts the eigenvalues, and returns how many reach tau of their sum; those that are negative by rounding count as 0.
+// Sorts the eigenvalues, and returns how many reach tau of their sum; negative ones from rounding count as 0.
 uint leading(uint lane) {
     for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
         uint before = 0;
@@ -165,8 +165,8 @@ uint leading(uint lane) {
     return r;
 }
 
-// X = B diag(scale) Y over the leading r columns, then L^T X' = X from the last row up; the squared norms of the rows of X' are
-// the participations.
+// X = B diag(scale) Y over the leading r columns, then L^T X' = X from the last row up; the squared norms of the rows
+// of X' are the participations.
 void participate(uint lane, vec2 scale, uint r, uint out_at) {
     for (uint row = lane; row < m; row += SUBGROUP) {
         float b[CHANNELS];
@@ -203,7 +203,7 @@ void main() {
     triangle_at = block.z;
     uint first = block.x - first_member;
     factor_at = CHANNELS * first;
-    // Solutions of the blocks before: two numbers for each member, and EXTRA for each block.
+    // Solutions of the previous blocks: two numbers for each member, and EXTRA for each block.
     uint out_at = 2 * first + EXTRA * group, extra_at = out_at + 2 * m;
     uint lane = gl_SubgroupInvocationID;
     bool good = factorise(lane) && gram(lane);

@@ -1,7 +1,7 @@
-// The factor W (m x 8) of each block's radiance-response density matrix P = W W^T (Q5), and on request P itself (Q6):
-// W = [sqrt(eta / (tr_r + eps)) H_r, sqrt((1 - eta) / (tr_o + eps)) H_o], where the traces are sums of squares over the block.
-// The rows of H (Q3) already hold the weights sqrt(eta) and sqrt(1 - eta), so that W = H / sqrt(d) with d = trace / weight + eps;
-// d goes to the host, too, which gets H back as W sqrt(d).
+// The factor W (m x 8) of each block's radiance-response density matrix P = W W^T (Q5), and on request P itself (Q6): W
+// = [sqrt(eta / (tr_r + eps)) H_r, sqrt((1 - eta) / (tr_o + eps)) H_o], where the traces are sums of squares over the
+// block. The rows of H (Q3) already contain the weights sqrt(eta) and sqrt(1 - eta), so W = H / sqrt(d) with d = trace
+// / weight + eps; the host gets d, too, and recovers H as W sqrt(d).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -20,7 +20,7 @@ layout(constant_id = 3) const uint COLUMNS = 64;
 layout(binding = 0, std430) readonly buffer Blocks { uvec4 blocks[]; }; // first member, m, offset in its batch's matrices, -
 layout(binding = 1, std430) readonly buffer Tiles { uvec2 tiles[]; };   // block, first row and first column: lib/blocks.glsl
 layout(binding = 2, std430) readonly buffer Members { uint members[]; };
-layout(binding = 3, std430) readonly buffer H { float h[]; };           // n x CHANNELS, weighed
+layout(binding = 3, std430) readonly buffer H { float h[]; };           // n x CHANNELS, weighted
 layout(binding = 4, std430) buffer Factors { float factors[]; };        // block after block m x CHANNELS, column by column
 layout(binding = 5, std430) writeonly buffer Densities { float densities[]; }; // lower triangles, packed as the overlaps
 layout(binding = 6, std430) writeonly buffer Divisors { float divisors[]; }; // block after block d of both groups of channels
@@ -45,7 +45,7 @@ void factor(uint block_index) {
     vec2 share = vec2(eta, 1 - eta);
     bvec2 counts = greaterThan(share, vec2(0));
     vec2 divisor = mix(vec2(0), subgroupAdd(trace) / share + epsilon, counts);
-    // A divisor of 0 belongs to channels that are zero themselves.
+    // A divisor of 0 belongs to channels that are themselves zero.
     vec2 weight = mix(vec2(0), inversesqrt(divisor), greaterThan(divisor, vec2(0)));
     if (lane < 2) divisors[2 * (block_index - first_block) + lane] = divisor[lane];
     for (uint row = lane; row < m; row += SUBGROUP) {

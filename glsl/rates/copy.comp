@@ -1,9 +1,9 @@
-// Copies words: a workgroup copies a run of them, neighbouring lanes neighbouring words.
+// Copies words: a run for each workgroup, neighbouring words for neighbouring lanes.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
-layout(constant_id = 2) const uint ROWS = 16; // words of an invocation
+layout(constant_id = 2) const uint ROWS = 16; // words per invocation
 
 layout(binding = 0, std430) readonly buffer Source { float source[]; };
 layout(binding = 1, std430) writeonly buffer Target { float target[]; };

@@ -1,4 +1,4 @@
-// Multiply-adds and nothing else: CHAINS of them side by side, each depending only on itself, so that the units stay busy.
+// Multiply-adds alone: CHAINS of them in parallel, each depending only on itself, so that the units stay busy.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -20,7 +20,7 @@ void main() {
             [[unroll]] for (uint k = 0; k < CHAINS; k++) chain[k] = fma(chain[k], factor, term);
         }
     }
-    // The sum is written so that no compiler drops the work.
+    // The sum is written so that no compiler removes the work.
     float sum = 0;
     [[unroll]] for (uint k = 0; k < CHAINS; k++) sum += chain[k];
     sums[global_index()] = sum;

@@ -1,6 +1,6 @@
-// Writes one (tile, slot) pair for each tile that a visible Gaussian touches, Gaussians in depth order. An invocation has a
-// Gaussian of its own; those of many tiles are a whole subgroup's, a row of tiles an invocation. With DEPTH_ORDER it also writes
-// the depth by which each tile orders its Gaussians.
+// Writes one (tile, slot) pair for each tile that a visible Gaussian touches, Gaussians in depth order. An invocation
+// handles a Gaussian of its own; a whole subgroup handles those with many tiles, one row of tiles per invocation. With
+// DEPTH_ORDER it also writes the depth by which each tile orders its Gaussians.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -11,7 +11,7 @@
 #include "lib/projection.glsl"
 
 layout(constant_id = 4) const bool DEPTH_ORDER = false;
-layout(constant_id = 5) const uint MANY = 0; // tiles; 0 where no Gaussian has so many that they are shared
+layout(constant_id = 5) const uint MANY = 0; // tiles from which a Gaussian is shared; 0 for never
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; }; // visible Gaussians
@@ -32,13 +32,13 @@ layout(binding = 15, std430) readonly buffer Rotations { vec4 rotations[]; };
 
 const float DRAWN_DEVIATIONS = 3.3291; // sqrt(2 ln 255): where an opaque Gaussian's alpha falls to 1/255
 
-// A Gaussian in the form that its densest point along a ray is computed from.
+// A Gaussian in the form from which its densest point along a ray is computed.
 struct Densest {
     mat3 axes;     // in camera space
     vec3 narrow;   // the least standard deviation divided by each axis's own
     vec3 position; // of the mean, along the axes, times narrow
     float depth;   // of the mean
-    float reach;   // no part that is drawn lies further before or behind the mean
+    float reach;   // largest distance along z of a drawn part from the mean
 };
 
 Densest densest_of(View v, uint i) {
@@ -54,16 +54,16 @@ Densest densest_of(View v, uint i) {
     return d;
 }
 
-// The bits of the depth at which the Gaussian is densest along the ray (x, y, 1): positive floats order as their bits do.
+// The bits of the depth at which the Gaussian is densest along the ray (x, y, 1): positive floats have the order of their bits.
 uint densest_at(View v, Densest d, vec2 ray) {
     vec3 along = d.narrow * (vec3(ray, 1) * d.axes);
     float depth = dot(along, d.position) / dot(along, along);
-    // A disc seen edge-on makes it the quotient of two zeros.
+    // For a disc seen edge-on it is 0 / 0.
     if (nan(depth)) depth = d.depth;
     return floatBitsToUint(max(clamp(depth, d.depth - d.reach, d.depth + d.reach), v.centre.w));
 }
 
-// A Gaussian whose pairs are written.
+// A Gaussian whose pairs are being written.
 struct Emitted {
     uint gaussian;
     Footprint footprint;
@@ -100,7 +100,7 @@ void emit_row(Emitted e, uint row, uvec2 columns, uint slot) {
     }
 }
 
-// Compilers may round this shader and the counting one differently: surplus slots go to a tile beyond the last.
+// Compilers may round differently in this shader and in the counting one: surplus slots go to a tile beyond the last.
 void emit_surplus(Emitted e, uint slot, uint apart) {
     uvec2 tiles = view[0].tiles;
     for (; slot < e.end; slot += apart) emit(e, slot, tiles.x * tiles.y, 0);

@@ -12,7 +12,7 @@
 #include "lib/projection.glsl"
 
 layout(constant_id = 4) const bool ANTIALIAS = false;
-layout(constant_id = 5) const uint DEGREE = 3; // bands that have arrays
+layout(constant_id = 5) const uint DEGREE = 3; // bands with arrays
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -93,7 +93,7 @@ void main() {
     geometry[i] = pack_geometry(s);
     shape[i] = pack_shape(s);
     colour[i] = pack_colour(s);
-    depth[i] = floatBitsToUint(p.depth); // positive floats order as their bits do
+    depth[i] = floatBitsToUint(p.depth); // positive floats have the order of their bits
     tile_counts[i] = tiles;
     visible[i] = 1;
 }

@@ -1,6 +1,6 @@
-// Backward pass of the projection: adds up a Gaussian's slots in their order and goes back through covariance, mean and colour
-// to one row of gradients, from which train/adam.comp updates the parameters. SH coefficients need no gradients of their own:
-// each is the colour's gradient times the basis function.
+// Backward pass of the projection: adds up a Gaussian's slots in their order and propagates back through covariance,
+// mean and colour to one row of gradients, from which train/adam.comp updates the parameters. SH coefficients need no
+// gradients of their own: each is the colour's gradient times the basis function.
 //
 // Notation and derivation: reference/project_backward.rs.
 #version 460
@@ -16,14 +16,14 @@
 #include "lib/adam.glsl"
 
 layout(constant_id = 2) const bool ANTIALIAS = false;
-layout(constant_id = 3) const uint DEGREE = 3; // bands that have arrays
-// Whether the view direction's gradient reaches the mean.
+layout(constant_id = 3) const uint DEGREE = 3; // bands with arrays
+// True if the view direction's gradient reaches the mean.
 layout(constant_id = 4) const bool DIRECTION_GRADIENT = true;
-// Whether to add to the sums by which density control decides.
+// True to add to the sums that density control uses.
 layout(constant_id = 5) const bool STATISTICS = false;
-// Whether these add up the gradient's size tile by tile: what pulls one tile's pixels against another's then counts, too.
+// True if these sums add up the gradient's absolute value tile by tile, so that opposite gradients of tiles count, too.
 layout(constant_id = 6) const bool ABSOLUTE = false;
-// Slots from which a subgroup adds up a Gaussian's together, and invocations share the stores of rows; 0 where each works alone.
+// Slots from which a subgroup jointly adds up a Gaussian's, and invocations share the stores of rows; 0 if each works alone.
 layout(constant_id = 7) const uint MANY = 0;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
@@ -48,7 +48,7 @@ layout(binding = 18, std430) buffer Growth { vec2 growth[]; }; // sum of |dL/dme
 layout(binding = 19, std430) buffer Guards { uint guards[]; }; // 0: rows skipped, 1: iterations done
 layout(push_constant) uniform Push { uint pair_limit; };
 
-const float LEAST_SCALE = 1e-30; // a thinner axis has no gradient by its turn
+const float LEAST_SCALE = 1e-30; // a thinner axis has no gradient by its rotation
 const float LN_2 = 0.6931471805599453;
 
 const uint HALF = WORKGROUP / 2; // rows in shared memory at a time
@@ -64,12 +64,12 @@ struct Gradient {
     vec3 colour;    // by the radiance before its clamp
     vec3 direction; // unit vector of the view
     vec2 mean2d;    // pixels
-    vec2 pull;      // the same with ABSOLUTE, else mean2d
+    vec2 pull;      // with ABSOLUTE, the sum of absolute values; otherwise mean2d
 };
 
-// Let K = (k.x k.y; 0 k.z), so that K^T K is the inverse covariance, T = (row_x; row_y), S the second moments, and W = K T,
-// whose columns are no longer than 1. Then dL/dT = K^T E with E = S W. Neither W nor E cancels, however long the needle. The
-// usual product of dL/dcovariance and T equals it, but its error grows with the square of a needle's length in pixels.
+// Let K = (k.x k.y; 0 k.z), so that K^T K is the inverse covariance, T = (row_x; row_y), S the second moments, and W = K T, whose
+// columns are no longer than 1. Then dL/dT = K^T E with E = S W. Neither W nor E cancels, however long the needle. The usual
+// product of dL/dcovariance and T equals it, but its error grows with the square of a needle's length in pixels.
 struct Whitened {
     vec3 w_x, w_y;
     vec3 e_x, e_y;
@@ -125,10 +125,10 @@ vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
     return sum;
 }
 
-// The slots' sums are over u and v, which count powers of two; with UNIT they and k are in natural units.
+// The slots' sums are over u and v, in powers of two; with UNIT they and k are in natural units.
 const float UNIT = sqrt(2 * LN_2);
 
-// A Gaussian's slots added up; with ABSOLUTE, `pull` adds up the sizes of their gradients by position.
+// A Gaussian's slots added up; with ABSOLUTE, `pull` adds up the absolute values of their gradients by position.
 struct Sums {
     vec4 position, covariance;
     float blue;
@@ -160,9 +160,9 @@ Sums of_lane(Sums s, uint bit) {
                 ABSOLUTE ? subgroupShuffleXor(s.pull, bit) : vec2(0));
 }
 
-// Runs of a Gaussian's slots that are summed apart, whatever the width of subgroups: slot n belongs to run n % RUNS.
+// Runs of a Gaussian's slots that are summed separately, for any subgroup size: slot n belongs to run n % RUNS.
 const uint RUNS = 32;
-const uint LANES = SUBGROUP < RUNS ? SUBGROUP : RUNS; // with a run of their own; any further ones repeat these
+const uint LANES = SUBGROUP < RUNS ? SUBGROUP : RUNS; // lanes with a run of their own; any further ones repeat these
 const uint OWN_RUNS = RUNS / LANES;
 
 // Every lane ends with the total.
@@ -179,7 +179,7 @@ Sums sums_together(uint first, uint slots, vec3 k) {
     return runs[0];
 }
 
-// The sums of an invocation's Gaussian. All of a subgroup call it, also those without one: then `slots` is 0.
+// The sums of an invocation's Gaussian. All invocations of a subgroup call it; `slots` is 0 for those without a Gaussian.
 Sums sums_of(uint first, uint slots, vec3 k) {
     bool many = MANY > 0 && slots >= MANY;
     Sums s = many ? NONE : sums_alone(first, slots, k);
@@ -195,7 +195,7 @@ Sums sums_of(uint first, uint slots, vec3 k) {
     return s;
 }
 
-// k: of the splat, in natural units.
+// k: the splat's factor, in natural units.
 Gradient backward(uint i, vec3 mean, Projection p, vec3 k, Sums s) {
     Gradient g = Gradient(vec3(0), vec3(0), vec4(0), 0, vec3(0), vec3(0, 0, 1), vec2(0), vec2(0));
     View v = view[0];
@@ -206,7 +206,7 @@ Gradient backward(uint i, vec3 mean, Projection p, vec3 k, Sums s) {
     Whitened w = whitened(v.dilation, p, k, s.position.x, m2);
 
     g.log_scale = w.e_x * w.w_x + w.e_y * w.w_y;
-    // dL/d(turn of the axes) = sum over rows of (s_k E_k) x (W_k / s_k).
+    // dL/d(rotation of the axes) = sum over rows of (s_k E_k) x (W_k / s_k).
     vec3 inverse = 1 / max(p.scale, vec3(LEAST_SCALE));
     vec3 spin = cross(w.e_x * p.scale, w.w_x * inverse) + cross(w.e_y * p.scale, w.w_y * inverse);
     g.rotation = quaternion_gradient(spin, p.unit, p.norm);
@@ -224,7 +224,7 @@ Gradient backward(uint i, vec3 mean, Projection p, vec3 k, Sums s) {
     g.logit = s.position.x / (1 + exp(logits[i]));
 
     g.direction = p.direction;
-    // A colour that was clamped to 0 has no slope.
+    // A colour clamped to 0 has no slope.
     vec3 drawn = vec3(shape[i].w, colour[i]);
     g.colour = mix(vec3(0), vec3(s.position.w, s.covariance.w, s.blue), greaterThan(drawn, vec3(0)));
     if (DIRECTION_GRADIENT) {
@@ -236,8 +236,8 @@ Gradient backward(uint i, vec3 mean, Projection p, vec3 k, Sums s) {
     return g;
 }
 
-// Stores a row for each invocation that has a Gaussian. Where they share this, neighbouring invocations store neighbouring words: rows
-// go through shared memory, those of half of the invocations at a time.
+// Stores a row for each invocation that has a Gaussian. If stores are shared, neighbouring invocations store
+// neighbouring words: rows go through shared memory, those of half of the invocations at a time.
 void store(uint i, bool there, float own[ROW]) {
     if (MANY == 0) {
         if (there) {
@@ -261,7 +261,7 @@ void store(uint i, bool there, float own[ROW]) {
 
 void main() {
     uint i = global_index();
-    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
+    // If pairs did not fit, no iteration counts, from this one until the host has made room.
     if (pairs[1] > pair_limit) return;
     if (i == 0) guards[1] += 1;
     bool there = i < count[0];

@@ -1,7 +1,7 @@
-// Blends each tile's Gaussians front to back. An invocation holds PIXELS pixels of the tile in registers, so that a splat is
-// read once for all of them: one pixel where the workgroup is as large as the tile, eight or more where one subgroup walks it.
-// Where several subgroups share the tile, each owns a block of its pixels and blends only the splats that come near it: a splat
-// that misses the block would have an alpha of 0 at each of its pixels.
+// Blends each tile's Gaussians front to back. An invocation holds PIXELS pixels of the tile in registers, so that a
+// splat is read once for all of them: one pixel if the workgroup is as large as the tile, eight or more if one subgroup
+// walks it. If several subgroups share the tile, each owns a block of its pixels and blends only the splats that come
+// near it: a splat that misses the block would have an alpha of 0 at each of its pixels.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -13,13 +13,13 @@
 #include "lib/ellipse.glsl"
 
 layout(constant_id = 2) const uint TILE = 16;
-// Splats staged in shared memory at a time; 0 where one subgroup walks the tile, each lane reading one splat.
+// Splats staged in shared memory at a time; 0 if one subgroup walks the tile, each lane reading one splat.
 layout(constant_id = 3) const uint BATCH = 256;
 layout(constant_id = 4) const float STOP = TRANSMITTANCE_STOP;
 layout(constant_id = 5) const uint PIXELS = 1; // TILE x TILE / WORKGROUP
 // For tests: the fourth value of a pixel is the number of batches that its tile has loaded.
 layout(constant_id = 6) const bool COUNT_BATCHES = false;
-// For pictures of what pixels cost: red is the number of splats that the pixel blends.
+// For pictures of the cost per pixel: red is the number of splats that the pixel blends.
 layout(constant_id = 7) const bool COUNT_BLENDED = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
@@ -39,7 +39,7 @@ const uint SHARED = BATCH == 0 ? 1 : BATCH;
 shared vec4 batch_geometry[SHARED];
 shared vec4 batch_shape[SHARED];
 shared vec2 batch_colour[SHARED];
-shared bool finished[WORKGROUP / SUBGROUP]; // by subgroup: whether all of its pixels are done
+shared bool finished[WORKGROUP / SUBGROUP]; // by subgroup: true if all its pixels are done
 
 vec2 centre[PIXELS]; // from the view's origin
 vec3 blended[PIXELS];
@@ -54,7 +54,7 @@ void blend(vec4 g, vec4 s, vec2 c) {
         float t = transmittance[p];
         float alpha = power <= s.z ? min(ALPHA_MAX, exp2(s.y - power)) : 0;
         float w = t * alpha;
-        float next = t - w; // not t (1 - alpha): equal layers round 1 - alpha alike, and the errors add up
+        float next = t - w; // not t (1 - alpha): equal layers have the same rounding error in 1 - alpha, and the errors add up
         bool live = t > 0;
         bool stop = next < STOP;
         blended[p] += (live && !stop ? w : 0) * rgb;
@@ -69,7 +69,7 @@ bool done() {
     return all;
 }
 
-// Whether all pixels of the tile are done; a barrier for the workgroup.
+// True if all pixels of the tile are done; contains a barrier for the workgroup.
 bool tile_done() {
     bool own = subgroupAll(done());
     if (subgroupElect()) finished[gl_SubgroupID] = own;
@@ -79,14 +79,14 @@ bool tile_done() {
     return all;
 }
 
-// A pixel of this invocation, from the tile's first: in the subgroup's block, or in rows where one subgroup walks the tile.
+// A pixel of this invocation, relative to the tile: in the subgroup's block, or in rows if one subgroup walks the tile.
 uvec2 pixel_in_tile(uint p) {
     uint n = p * WORKGROUP + gl_LocalInvocationID.x;
     return BATCH == 0 ? uvec2(n % TILE, n / TILE) : block_corner(gl_SubgroupID) + block_pixel(gl_SubgroupInvocationID, p);
 }
 
-// Blends those splats of a staged batch that come near the subgroup's block, [low, high]. Two at a time: what the second is at a
-// pixel does not wait for the first.
+// Blends those splats of a staged batch that come near the subgroup's block, [low, high], two at a time: the second
+// one's alpha at a pixel does not wait for the first.
 void walk_batch(uint length, vec2 low, vec2 high) {
     for (uint first = 0; first < length && !subgroupAll(done()); first += SUBGROUP) {
         uint own = first + gl_SubgroupInvocationID;
@@ -141,7 +141,7 @@ void main() {
         vec2 high = low + vec2(BLOCK_WIDTH - 1, BLOCK_HEIGHT - 1);
         for (uint first = start; first < end && !tile_done(); first += BATCH) {
             batches++;
-            // All loads are asked for before the first store waits for one: BATCH = WORKGROUP.
+            // All loads are issued before the first store waits for one: BATCH = WORKGROUP.
             uint i = owners[slots[min(first + lane, end - 1)]];
             vec4 own_geometry = geometry[i], own_shape = shape[i];
             vec2 own_colour = colour[i];

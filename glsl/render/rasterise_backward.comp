@@ -1,5 +1,5 @@
-// Backward pass of the rasterisation (lib/backward_walk.glsl): a splat's sums go to the slot that the Gaussian owns in this
-// tile. Without atomics the result has the same bits run after run.
+// Backward pass of the rasterisation (lib/backward_walk.glsl): a splat's sums go to the slot of its Gaussian in this
+// tile. Without atomics, the result has the same bits in every run.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -11,7 +11,7 @@ layout(constant_id = 5) const bool RESIDUAL = false;
 layout(binding = 9, std430) writeonly buffer PositionSums { vec4 position_sums[]; }; // by slot: 1, u, v, red
 layout(binding = 10, std430) writeonly buffer CovarianceSums { vec4 covariance_sums[]; }; // uu, uv, vv, green
 layout(binding = 11, std430) writeonly buffer BlueSums { float blue_sums[]; };
-layout(binding = 12, std430) writeonly buffer ResponseSums { vec4 response_sums[]; }; // where RESIDUAL; the last is unused
+layout(binding = 12, std430) writeonly buffer ResponseSums { vec4 response_sums[]; }; // only if RESIDUAL; the last is unused
 
 void hand_in(uint slot, uint gaussian, float sums[SUMS_MOST]) {
     position_sums[slot] = vec4(sums[0], sums[1], sums[2], sums[3]);

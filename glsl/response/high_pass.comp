@@ -1,8 +1,8 @@
-// The gradient of L = sum C (C - blur C) with its bracket held constant: C - blur C, the picture's own fine detail. The fourth
-// component becomes the mean over the colours of |C - blur C|. It replaces the loss where there are no photos.
+// The gradient of L = sum C (C - blur C) with its bracket held constant: C - blur C, the picture's own fine detail. The
+// fourth component becomes the mean over the colours of |C - blur C|. It replaces the loss if there are no photos.
 //
-// The blur is a separable Gaussian whose weights are renormalised at the border; columns first, then rows. An invocation
-// owns a run of RUN outputs, so that it adds each value to up to RUN sums.
+// The blur is a separable Gaussian whose weights are renormalised at the border; columns first, then rows. An
+// invocation owns a run of RUN outputs, so that it adds each value to up to RUN sums.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -13,13 +13,13 @@
 const uint COLUMNS = 0;
 /// Phase: blurs rows, and writes the gradient.
 const uint ROWS = 1;
-/// Outputs of an invocation.
+/// Outputs per invocation.
 const uint RUN = 8;
 
 layout(constant_id = 2) const uint PHASE = COLUMNS;
 
 layout(binding = 0, std430) readonly buffer Image { float image[]; };        // red, green, blue, alpha
-layout(binding = 1, std430) buffer Scratch { float scratch[]; };             // 3 a pixel
+layout(binding = 1, std430) buffer Scratch { float scratch[]; };             // 3 per pixel
 layout(binding = 2, std430) writeonly buffer Gradient { float gradient[]; }; // red, green, blue, residual
 layout(push_constant) uniform Push {
     uint width;

@@ -1,5 +1,5 @@
-// Adds one view's eight responses (Q2) of each Gaussian that it shows to those of earlier views. It reads the gradient rows of the
-// projection's backward pass and the sums that the rasterisation's backward pass left in the slots.
+// Adds one view's eight responses (Q2), of each Gaussian that it shows, to those of earlier views. It reads the
+// gradient rows of the projection's backward pass and the slots' sums of the rasterisation's backward pass.
 //
 // r <- r keep^(views since the last that showed it) + weight x: an average over iterations, or with keep = 1 a mean.
 // The SH basis has a constant norm, sum_m Y_lm^2 = (2l + 1) / 4 pi, so |dL/dSH| is |dL/dcolour| times a constant.

@@ -1,15 +1,15 @@
-// What a picture owes to each splat, tile by tile: for each slot sums over the tile's pixels, which tally.comp adds up by
-// Gaussian. One subgroup walks a tile front to back.
+// Scores of each splat in a picture, tile by tile: for each slot sums over the tile's pixels, which tally.comp adds up
+// by Gaussian. One subgroup walks a tile front to back.
 //
-// Removing a splat exactly changes a pixel by -phi, phi = T alpha (c - b), where b is the colour behind it: what lies behind is
-// then seen through T instead of T (1 - alpha). With R the part of the picture that lies behind, T alpha b = R alpha / (1 - alpha).
+// Removing a splat exactly changes a pixel by -phi, phi = T alpha (c - b), where b is the colour behind it, which is then seen
+// through T instead of T (1 - alpha). With R the part of the picture that lies behind, T alpha b = R alpha / (1 - alpha).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/tile_pixels.glsl"
 
-layout(constant_id = 5) const bool RESIDUAL = false; // true if the residual's colours count
+layout(constant_id = 5) const bool RESIDUAL = false; // true if the residual's colours are used
 
 layout(binding = 8, std430) readonly buffer Residual { vec4 residual[]; };
 // By slot, w = T alpha: the sum of w, the largest w, the pixels that blend the splat, the sum of opacity x T;
@@ -50,7 +50,7 @@ void visit(uint n, vec4 g, vec4 s, vec2 c) {
         bool live = drawn && next >= STOP;
         float w = live ? part : 0;
         vec3 r = behind[p] - w * rgb;
-        vec3 seen_behind = live ? r * (alpha / (1 - alpha)) : vec3(0); // at least 1 - ALPHA_MAX
+        vec3 seen_behind = live ? r * (alpha / (1 - alpha)) : vec3(0); // the divisor is at least 1 - ALPHA_MAX
         vec3 phi = w * rgb - seen_behind;
         weight += live ? vec4(w, 0, 1, opacity * t) : vec4(0);
         most = max(most, w);

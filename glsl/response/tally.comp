@@ -1,5 +1,5 @@
-// Adds up the slots of response/score.comp by Gaussian, in slot order, on top of the scores of earlier views: one after the other,
-// so that a picture may be scored in parts, from its first tiles to its last, with the same result.
+// Adds up the slots of response/score.comp by Gaussian, in slot order, on top of the scores of earlier views, one by
+// one, so that a picture may be scored in parts, from its first tiles to its last, with the same result.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

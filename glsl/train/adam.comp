@@ -1,5 +1,5 @@
-// A step of Adam for one attribute, an element an invocation. Every row is updated, whether the view shows it or not, as in the
-// 3DGS reference.
+// A step of Adam for one attribute, one element per invocation. Every row is updated, whether the view shows it or not,
+// as in the 3DGS reference.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -9,15 +9,15 @@
 #include "lib/gradient_row.glsl"
 #include "lib/adam_step.glsl"
 
-/// Band of an attribute whose gradient stands in the row itself: no SH band.
+/// Band of an attribute whose gradient is in the row itself: not an SH band.
 const uint NO_BAND = 4;
 
-layout(constant_id = 2) const uint WIDTH = 3;  // elements of a Gaussian
+layout(constant_id = 2) const uint WIDTH = 3;  // elements per Gaussian
 layout(constant_id = 3) const uint OFFSET = 0; // of the attribute in a gradient row
 // SH band of the coefficients, or NO_BAND.
 layout(constant_id = 4) const uint BAND = NO_BAND;
 layout(constant_id = 5) const uint FORM = UPDATE;
-// Whether the attribute, which is then the opacity logits, is under the pressure of an attrition.
+// True if the attribute is the opacity logits, under the pressure of an attrition.
 layout(constant_id = 6) const bool PRESSED = false;
 
 layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
@@ -30,7 +30,7 @@ layout(push_constant) uniform Push {
     vec2 correction;
     float rate;
     uint pair_limit;
-    float pressure;      // added to every gradient of a logit, over the larger of:
+    float pressure;      // added to every gradient of a logit, divided by the larger of:
     float least_through; // this and 1 - opacity
 };
 
@@ -54,7 +54,7 @@ float basis(uint m, vec3 d) {
 
 void main() {
     uint at = global_index();
-    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
+    // If pairs did not fit, no iteration counts, from this one until the host has made room.
     if (pairs[1] > pair_limit || at >= count[0] * WIDTH) return;
     uint row = at / WIDTH * ROW, c = at % WIDTH;
     if (rows[row + ROW_GOOD] == 0) return;

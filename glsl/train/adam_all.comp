@@ -1,6 +1,6 @@
 // A step of Adam for all attributes at once. A workgroup reads the rows of gradients of a block of Gaussians once, into shared
-// memory, and goes through the attributes one by one, neighbouring invocations on neighbouring words; or each invocation takes
-// all elements of one Gaussian. Every row is updated, whether the view shows it or not, as in the 3DGS reference.
+// memory, and updates the attributes one by one, neighbouring words by neighbouring invocations; or each invocation updates all
+// elements of one Gaussian. Every row is updated, whether the view shows it or not, as in the 3DGS reference.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -9,10 +9,10 @@
 #include "lib/gradient_row.glsl"
 #include "lib/adam_step.glsl"
 
-layout(constant_id = 2) const uint BLOCK = 64; // Gaussians of a workgroup; 1: of an invocation
-layout(constant_id = 3) const uint DEGREE = 3; // bands that have arrays
+layout(constant_id = 2) const uint BLOCK = 64; // Gaussians per workgroup; 1: one per invocation
+layout(constant_id = 3) const uint DEGREE = 3; // bands with arrays
 layout(constant_id = 4) const uint FORM = UPDATE;
-layout(constant_id = 5) const bool PRESSED = false; // whether the logits are under the pressure of an attrition
+layout(constant_id = 5) const bool PRESSED = false; // true if the logits are under the pressure of an attrition
 
 layout(binding = 0, std430) readonly buffer Pairs { uint pairs[]; }; // 1: the largest number ever needed
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -90,10 +90,10 @@ void store_basis(uint g) {
         values[at] -= change(moment, rate, correction);                                         \
     }
 
-// Elements that an invocation of a block updates at a time: it asks for all of them before it waits for the first.
+// Elements that an invocation of a block updates at a time: it loads all of them before it waits for the first.
 const uint HELD = 4;
 
-// All elements of an attribute of the block's Gaussians. An invocation that has none left repeats the last one and stores nothing.
+// All elements of an attribute of the block's Gaussians. Surplus invocations repeat the last element and do not store.
 #define UPDATE_ATTRIBUTE(values, moments, width, rate, gradient, extra)                         \
     [[dont_unroll]] for (uint start = invocation; start < here * width; start += HELD * WORKGROUP) { \
         vec2 moment[HELD];                                                                      \
@@ -178,7 +178,7 @@ void update_own(uint g) {
 
 void main() {
     uint first = BLOCK == 1 ? global_index() : group_index() * BLOCK;
-    // When pairs did not fit, neither this iteration nor any later one counts until the host has made room.
+    // If pairs did not fit, no iteration counts, from this one until the host has made room.
     if (pairs[1] > pair_limit || first >= count[0]) return;
     if (BLOCK == 1) update_own(first);
     else update_block(first);

@@ -1,4 +1,4 @@
-// Density control, first step: the number of copies of each Gaussian, 0 where pruned, 1 where kept, 2 where cloned or split.
+// Density control, first step: the number of copies of each Gaussian: 0 if pruned, 1 if kept, 2 if cloned or split.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
@@ -13,7 +13,7 @@ layout(binding = 3, std430) readonly buffer LogScales { float log_scales[]; };
 layout(binding = 4, std430) readonly buffer Rotations { vec4 rotations[]; };
 layout(binding = 5, std430) readonly buffer Logits { float logits[]; };
 layout(binding = 6, std430) writeonly buffer Copies { uint copies[]; };
-layout(binding = 7, std430) writeonly buffer Splits { uint splits[]; }; // 1 where the two replace their parent
+layout(binding = 7, std430) writeonly buffer Splits { uint splits[]; }; // 1 if the two copies replace their parent
 layout(push_constant) uniform Push {
     vec4 cameras;        // mean of the cameras' centres; w: the scene's extent
     float threshold;     // mean gradient norm in NDC units at which a Gaussian grows

@@ -8,7 +8,7 @@
 
 /// Phase: applies the map to the rendered colours.
 const uint APPLY = 0;
-/// Phase: takes the gradient back through the map, and sums the gradient by its parameters.
+/// Phase: propagates the gradient back through the map, and sums the gradient by its parameters.
 const uint BACKWARD = 1;
 /// Phase: updates the parameters, in one workgroup.
 const uint UPDATE = 2;
@@ -87,7 +87,7 @@ void update() {
         sums[lane] = sum;
     }
     barrier();
-    // When pairs did not fit, this iteration does not count.
+    // If pairs did not fit, this iteration does not count.
     if (lane >= SIZE || pairs[1] > pair_limit) return;
     bool good = true;
     for (uint k = 0; k < SIZE; k++) good = good && sane(sums[k]);
@@ -98,7 +98,7 @@ void update() {
     moment.x = BETA1 * moment.x + (1 - BETA1) * slope;
     moment.y = BETA2 * moment.y + (1 - BETA2) * slope * slope;
     moments[at] = moment;
-    float apart = affine[at] - (lane % 5 == 0 ? gains[3 * photo + lane / 5] : 0); // the diagonal stands at 0, 5 and 10
+    float apart = affine[at] - (lane % 5 == 0 ? gains[3 * photo + lane / 5] : 0); // the diagonal has indices 0, 5 and 10
     affine[at] -= rate * ((moment.x * correction1) / (sqrt(moment.y) * correction2 + EPSILON) + pull * apart);
 }
 

@@ -1,5 +1,5 @@
-// Halves a photo's size: each pixel becomes the mean of four, colours weighted by their opacities. An odd last row or column
-// is left out.
+// Halves a photo's size: each pixel becomes the mean of four, colours weighted by their opacities. An odd last row or
+// column is left out.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

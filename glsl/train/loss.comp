@@ -1,5 +1,5 @@
-// L1 + SSIM (+ L2) of a picture against its photo, and the gradient by the picture. The window is separable: an invocation
-// walks a run of one line of one channel with the last TAPS values in registers, so that it reads each value once.
+// L1 + SSIM (+ L2) of a picture against its photo, and the gradient by the picture. The window is separable: an invocation walks a
+// run of one line of one channel with the last TAPS values in registers, so that it reads each value once.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -30,13 +30,13 @@ layout(push_constant) uniform Push {
     vec4 background;
     uint width;
     uint height;
-    float l1;   // weights of the three terms, each over the number of values
+    float l1;   // weights of the three terms, each divided by the number of values
     float ssim;
     float l2;
     uint row_runs; // runs of MAP
 };
 
-// Sum under the window of a ring whose oldest value lies at `first`. Once loops are unrolled, constants index the rings.
+// Sum under the window of a ring whose oldest value is at index `first`. Once loops are unrolled, constants index the rings.
 #define TAP(ring, first, k) WINDOW[k] * ring[((first) + (k)) % TAPS]
 #define WINDOWED(ring, first)                                                                                             \
     (TAP(ring, first, 0) + TAP(ring, first, 1) + TAP(ring, first, 2) + TAP(ring, first, 3) + TAP(ring, first, 4)          \
@@ -47,7 +47,7 @@ float rendered(uint pixel, uint channel) { return image[4 * pixel + channel]; }
 
 float truth(uint pixel, uint channel) { return photo_value(photo[pixel], channel, ALPHA, background[channel]); }
 
-// Lanes of a subgroup take neighbouring lines: rows in phase MAP, else columns.
+// Lanes of a subgroup take neighbouring lines: rows in phase MAP, otherwise columns.
 struct Run {
     uint line;
     int start;
@@ -106,7 +106,7 @@ void rows_and_map(Run run, uint index) {
         by_m[k + 1] = by_r[k + 1] = by_c[k + 1] = 0;
     }
     float total = 0;
-    int last = min(run.start + int(TAPS * (ROUNDS - 1)) + 1, int(width)); // of this run's outputs, one past
+    int last = min(run.start + int(TAPS * (ROUNDS - 1)) + 1, int(width)); // one past this run's last output
     for (uint round = 0; round < ROUNDS && at < int(width) + 2 * int(RADIUS); round++) {
         [[unroll]] for (uint s = 0; s < TAPS; s++) {
             READ_MEANS((s + TAPS - 1) % TAPS)
@@ -166,7 +166,7 @@ void main() {
     uint index = global_index();
     bool rows = PHASE == MAP;
     uint lines = rows ? height : width, length_of_line = rows ? width : height;
-    // Rows are shorter by a window: the map's partial derivatives reach that much further than the outputs.
+    // Rows are shorter by a window: the map's partial derivatives extend that much further than the outputs.
     uint length_of_run = rows ? TAPS * (ROUNDS - 1) + 1 : TAPS * ROUNDS;
     uint runs = (length_of_line + length_of_run - 1) / length_of_run;
     Run run = Run(index % lines, int(index / lines % runs * length_of_run), index / lines / runs);

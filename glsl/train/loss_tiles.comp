@@ -1,5 +1,5 @@
-// The loss of loss.comp on tiles in shared memory: an invocation owns a pixel, a workgroup a tile with its margin. Rows of
-// windows come first, then columns. Loops over windows are rolled, for compilers that do not finish rings of registers.
+// The loss of loss.comp on tiles in shared memory: an invocation owns a pixel, a workgroup a tile with its margin. Rows of windows
+// come first, then columns. Loops over windows are not unrolled, for compilers that cannot handle rings of registers.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -26,7 +26,7 @@ layout(push_constant) uniform Push {
     vec4 background;
     uint width;
     uint height;
-    float l1;   // weights of the three terms, each over the number of values
+    float l1;   // weights of the three terms, each divided by the number of values
     float ssim;
     float l2;
 };
@@ -41,12 +41,12 @@ uint lane = gl_LocalInvocationID.x;
 
 uint plane(uint p, uint channel) { return (p * 3 + channel) * width * height; }
 
-// An invocation's pixels of the tile and its margin. It asks for all of them before it waits for the first.
+// An invocation's pixels of the tile and its margin. It loads all of them before it waits for the first.
 const uint OWN = (AREA + WORKGROUP - 1) / WORKGROUP;
 vec4 own_image[OWN];
 uint own_photo[OWN];
 
-// The index in the picture of the n-th of them; -1 outside of it.
+// The index in the picture of the n-th of these pixels; -1 outside the picture.
 int own_pixel(ivec2 corner, uint n) {
     uint i = lane + n * WORKGROUP;
     ivec2 at = corner + ivec2(i % SIDE, i / SIDE) - int(RADIUS);
@@ -93,7 +93,7 @@ vec4 held(uint i) {
     return PHASE == MAP ? vec4(a, b, (a - b) * (a - b), a * b) : vec4(a, b, values[2 * AREA + i], 0);
 }
 
-// Window means along rows: of x, y, (x - y)^2 and xy, or of the partial derivatives. Two neighbours an invocation.
+// Window means along rows: of x, y, (x - y)^2 and xy, or of the partial derivatives. Two neighbours per invocation.
 void rows() {
     for (uint i = lane; i < ROW_AREA / 2; i += WORKGROUP) {
         uint first = 2 * i / TILE * SIDE + 2 * i % TILE;
@@ -111,7 +111,7 @@ void rows() {
     }
 }
 
-// Window means of this invocation's pixel, from those along rows.
+// Window means of this invocation's pixel, from the means along rows.
 vec4 columns() {
     vec4 sum = vec4(0);
     for (uint k = 0; k < TAPS; k++) {
@@ -123,7 +123,7 @@ vec4 columns() {
     return sum;
 }
 
-// The sum of all invocations' terms, in a fixed order; the first invocation has it.
+// The sum of all invocations' terms, in a fixed order; only the first invocation has it.
 vec2 summed(vec2 own) {
     barrier();
     along_rows[lane] = own.x;

@@ -1,11 +1,11 @@
-// Masks: the parts that a photo's mask hides become background in both pictures, so that they add nothing to the loss.
+// Masks: parts hidden by a photo's mask become background in both pictures, so that they add nothing to the loss.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
 
 /// Phase: hides parts of the picture.
 const uint HIDE = 0;
-/// Phase: takes the gradient back through that.
+/// Phase: propagates the gradient back through that.
 const uint BACKWARD = 1;
 
 layout(constant_id = 2) const uint PHASE = HIDE;

@@ -1,4 +1,4 @@
-// Opacity reset: opacities are held below a limit, and their moments become zero.
+// Opacity reset: limits opacities, and sets their moments to zero.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
@@ -12,7 +12,7 @@ layout(push_constant) uniform Push { float limit; };
 void main() {
     uint i = global_index();
     if (i >= count[0]) return;
-    // One that is not a number stays so, and its Gaussian goes with the next density step.
+    // NaN stays NaN, and the next density step prunes its Gaussian.
     if (!nan(logits[i])) logits[i] = min(logits[i], limit);
     logits_adam[i] = vec2(0);
 }

@@ -1,5 +1,5 @@
-// 3D smoothing: no Gaussian gets thinner than the photos can resolve. The photo that samples it finest, at intervals of T
-// (depth over focal length), shows no smaller detail, so that scales end at sqrt(0.2) T (Mip-Splatting's filter).
+// 3D smoothing: no Gaussian becomes thinner than the photos can resolve. The photo that samples it most finely, at intervals of T
+// (depth over focal length), shows no smaller detail, so the least scale is sqrt(0.2) T (Mip-Splatting's filter).
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"

@@ -1,5 +1,5 @@
-// Density control, last step: the halves of a split move to random points of their parent, 1.6 times smaller. With LENGTHWISE
-// they share its longest axis instead: each lies in one half of it and is as much shorter, and fainter.
+// Density control, last step: the halves of a split move to random points of their parent, 1.6 times smaller. With
+// LENGTHWISE they share its longest axis instead: each lies in one half of it, correspondingly shorter, and fainter.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "lib/dispatch.glsl"
@@ -29,7 +29,7 @@ void main() {
     vec3 log_scale = ROW3(log_scales, row);
     vec3 place, shrink = vec3(LN_SHRINK);
     if (LENGTHWISE) {
-        // Of equal axes the first.
+        // The first among equal axes.
         uint longest = log_scale.x >= log_scale.y && log_scale.x >= log_scale.z ? 0 : log_scale.y >= log_scale.z ? 1 : 2;
         place = vec3(0);
         place[longest] = kinds[row] == HALF ? HALF_APART : -HALF_APART;
