@@ -114,15 +114,16 @@ impl Gaussians {
         turned && shaped && !self.opacity_logits[i].is_nan() && self.sh.iter().enumerate().all(band)
     }
 
-    /// Whether a rotation is long enough to be one.
+    /// Whether a quaternion is long enough to be a rotation.
     fn drawable_turn(&self, i: usize) -> bool {
         self.rotations[i].iter().fold(0.0_f32, |m, q| m.max(q.abs())) >= MIN_QUATERNION
     }
 
-    /// The model, if its arrays agree and every Gaussian can be drawn and trained: for models that come from no reader, which repair.
+    /// The model, if its arrays agree and every Gaussian can be drawn and trained; for models that come from no reader,
+    /// since readers repair.
     ///
     /// # Errors
-    /// [`Error::Inconsistent`] names the array, or the first Gaussian and what is wrong with it.
+    /// [`Error::Inconsistent`] names the array, or the first bad Gaussian and its fault.
     pub fn checked(self) -> Result<Self, Error> {
         self.validate()?;
         let wrong = |i: usize| !self.drawable(i) || self.opacity_logits[i].is_infinite();

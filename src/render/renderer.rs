@@ -35,7 +35,7 @@ pub enum Settled {
     TooMany(Error),
 }
 
-/// What a renderer had room for before [`Renderer::release`].
+/// The capacities of a renderer before [`Renderer::release`].
 #[derive(Clone, Copy, Debug)]
 pub struct Released {
     /// Pixels and tiles.
@@ -204,7 +204,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Gives the buffers back, so that other work finds memory, until [`Renderer::restore`].
+    /// Frees the buffers until [`Renderer::restore`], so that other work has memory.
     ///
     /// # Errors
     /// Device memory.
@@ -215,7 +215,7 @@ impl Renderer {
         Ok(released)
     }
 
-    /// Takes room for pictures and pairs as before [`Renderer::release`], and for `gaussians` Gaussians.
+    /// Restores room for pictures and pairs as before [`Renderer::release`], and for `gaussians` Gaussians.
     ///
     /// # Errors
     /// Device memory.

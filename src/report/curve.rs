@@ -30,7 +30,7 @@ pub fn page(record: &CurveRecord) -> String {
     page::page("Quality against bytes", &subtitle, &sections)
 }
 
-/// The plot: a line for each tool and format.
+/// The plot: one line for each tool and format.
 pub fn drawing(record: &CurveRecord, title: &str) -> Drawing {
     let name = |file: &FileRecord| format!("{}, {}", file.tool, file.format);
     let mut names: Vec<String> = record.files.iter().map(name).collect();

@@ -46,7 +46,7 @@ pub struct TrainerNeeds {
     pub grows: bool,
     /// Bytes that pruning needs besides the model; 0 if the run does not prune.
     pub pruning: u64,
-    /// Bytes that an evaluation needs besides the model, while the renderer's are given back.
+    /// Bytes that an evaluation needs besides the model, while the renderer's buffers are freed.
     pub evaluation: u64,
 }
 
@@ -73,7 +73,7 @@ impl Trainer {
         let responding = Renderer::bytes(device, n, size, pairs, Uses { responses: true, ..uses }) - renderer;
         let pruning = if needs.pruning > 0 { needs.pruning + responding } else { 0 };
         let drawing = renderer + pruning.max(staging_bytes(widest));
-        // While the number of Gaussians changes, and while views are scored, the renderer's buffers are given back.
+        // The renderer's buffers are freed while the number of Gaussians changes and while views are scored.
         let released = Renderer::bytes(device, 1, [1, 1], 1, uses) + growth.max(needs.evaluation);
         model + pictures + HostCheck::BYTES + drawing.max(released)
     }

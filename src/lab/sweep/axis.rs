@@ -213,7 +213,7 @@ pub struct Asked {
 }
 
 impl Asked {
-    /// All default rungs of an axis; solvers of other libraries than the serving one follow as `SOLVER@LIBRARY`.
+    /// All default rungs of an axis, followed by solvers of libraries other than the serving one as `SOLVER@LIBRARY`.
     fn all(row: &Row) -> Self {
         let mut rungs: Vec<String> = row.rungs.iter().map(|name| (*name).to_owned()).collect();
         if row.axis == Axis::Solver {

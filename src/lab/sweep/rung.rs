@@ -90,14 +90,14 @@ pub(super) fn stop(name: &str) -> Option<f32> {
 /// A rung of the solver axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solver {
-    /// What is solved, and at which precision.
+    /// The solver, including its precision.
     pub eigensolver: Eigensolver,
-    /// Who does the linear algebra of the host's solvers.
+    /// The library for the linear algebra of the host's solvers.
     pub library: &'static dyn Library,
 }
 
 impl Solver {
-    /// `low-rank`, by the library that serves, or `low-rank@faer`.
+    /// `low-rank`, with the serving library, or `low-rank@faer`.
     pub(super) fn of(name: &str) -> Option<Self> {
         let named = |library: &str| LIBRARIES.iter().copied().find(|l| l.name() == library);
         let (name, library) = match name.split_once('@') {

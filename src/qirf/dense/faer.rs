@@ -1,4 +1,4 @@
-//! [faer](https://docs.rs/faer), which is Rust alone.
+//! [faer](https://docs.rs/faer), a library in pure Rust.
 
 use super::{Cholesky, Library};
 use faer::dyn_stack::{MemBuffer, MemStack};

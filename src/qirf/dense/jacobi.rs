@@ -1,14 +1,15 @@
-//! Eigenpairs of 3 x 3 matrices by Jacobi's rotations: the same bits whichever library serves, and no call of one.
+//! Eigenpairs of 3 x 3 matrices by Jacobi's rotations: independent of the serving library, so always the same bits.
 
 use super::turn;
 use glam::{DMat3, DVec3};
 
-/// Sweeps after which the rotations end, converged or not; six are the most that covariances were seen to need.
+/// Sweeps after which the rotations end, converged or not; covariances were seen to need at most six.
 const SWEEPS: usize = 20;
 
-/// Eigenvalues, ascending, and eigenvectors, as columns, of a symmetric 3 x 3 matrix, whose lower triangle is read.
+/// Eigenvalues, ascending, and eigenvectors, as columns, of a symmetric 3 x 3 matrix, of which the lower triangle is
+/// read.
 ///
-/// Small eigenvalues of a positive definite matrix are as exact as large ones: a rotation is left out only where its entry
+/// Small eigenvalues of a positive definite matrix are as exact as large ones: a rotation is skipped only if its entry
 /// is a rounding error of both its diagonal entries.
 pub fn eigen3(matrix: &DMat3) -> (DVec3, DMat3) {
     let mut a: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| matrix.col(i.min(j))[i.max(j)]));

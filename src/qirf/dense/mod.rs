@@ -1,4 +1,4 @@
-//! Dense linear algebra of blocks: factors, triangular solutions and eigenpairs, by whichever library is compiled in.
+//! Dense linear algebra of blocks: factors, triangular solutions and eigenpairs, by any of the libraries compiled in.
 //!
 //! Matrices are column-major, lower triangle. An eigenvector's sign is fixed: see [`turn`].
 
@@ -11,7 +11,7 @@ mod lapack;
 pub use jacobi::eigen3;
 use std::fmt::Debug;
 
-/// The libraries that are compiled in; the first one serves.
+/// The libraries compiled in; the first one serves by default.
 pub const LIBRARIES: &[&dyn Library] = &[
     #[cfg(all(feature = "lapack", target_os = "linux"))]
     &lapack::Lapack,
@@ -21,11 +21,11 @@ pub const LIBRARIES: &[&dyn Library] = &[
 
 const _: () = assert!(!LIBRARIES.is_empty(), "pruning needs the feature `faer`, or on Linux `lapack`");
 
-/// A component is large enough to fix the sign of its vector if it reaches this share of the largest one. Rounding alone
-/// makes no component of a symmetric problem cross it, as it would 1 or 1/sqrt 2.
+/// A component can fix the sign of its vector if it reaches this share of the largest one. With this value, unlike 1 or
+/// 1/sqrt 2, rounding alone makes no component of a symmetric problem cross the threshold.
 const SIGNIFICANT: f64 = 0.6;
 
-/// The library that serves where none is named.
+/// The library used unless another is named.
 pub fn serving() -> &'static dyn Library {
     LIBRARIES[0]
 }
@@ -40,11 +40,11 @@ pub trait Cholesky<T> {
 
 /// A library of dense linear algebra.
 pub trait Library: Cholesky<f32> + Cholesky<f64> + Debug + Sync {
-    /// Its name, in files and on the command line.
+    /// Its name in files and on the command line.
     fn name(&self) -> &'static str;
-    /// As [`syevd`](Self::syevd), with signs as they come.
+    /// Like [`syevd`](Self::syevd), with arbitrary signs.
     fn eigenpairs(&self, n: usize, a: &mut [f64]) -> Option<Vec<f64>>;
-    /// As [`sygvd`](Self::sygvd), with signs as they come.
+    /// Like [`sygvd`](Self::sygvd), with arbitrary signs.
     fn generalized_eigenpairs(&self, n: usize, a: &mut [f64], b: &mut [f64]) -> Option<Vec<f64>>;
 
     /// Eigenvalues, ascending, of the symmetric n x n `a`, which receives the eigenvectors as columns.
@@ -73,7 +73,7 @@ impl PartialEq for dyn Library {
     }
 }
 
-/// Real numbers that a block can be solved in.
+/// Real numbers in which a block can be solved.
 pub trait Real: Copy + Send + Sync + Default + 'static {
     /// Rounds a float64.
     fn of(x: f64) -> Self;
@@ -107,7 +107,7 @@ impl Real for f64 {
     }
 }
 
-/// Gives an eigenvector the sign that makes its first significant component positive, whoever computed it.
+/// Gives an eigenvector the sign that makes its first significant component positive, for any library.
 fn turn(vector: &mut [f64]) {
     let most = vector.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     if vector.iter().find(|x| x.abs() >= SIGNIFICANT * most).is_some_and(|x| *x < 0.0) {

@@ -97,7 +97,7 @@ fn eigenpairs_leave_no_residual_and_agree() {
 
 #[test]
 fn libraries_agree_on_signs() {
-    // Eigenvectors (1, -1), (1, 1); and with components of equal size in pairs: a chain of four.
+    // Eigenvectors (1, -1), (1, 1); and pairs of components of equal size: a chain of four.
     let chain: [f64; 16] = std::array::from_fn(|k| match (k / 4).abs_diff(k % 4) {
         0 => 2.0,
         1 => -1.0,
@@ -132,7 +132,7 @@ fn three_by_three_by_rotations() {
             )
             .normalize(),
         );
-        // Scales down to 1e-6 of the largest, as thin Gaussians have; every fourth matrix has two that are equal.
+        // Scales down to 1e-6 of the largest, as in thin Gaussians; every fourth matrix has two equal ones.
         let thin = 10_f64.powf(-12.0 * uniform(&[seed, 4]));
         let spread = DVec3::new(thin, if seed % 4 == 0 { thin } else { uniform(&[seed, 5]) }, 1.0);
         let matrix = axes * DMat3::from_diagonal(spread) * axes.transpose();

@@ -242,7 +242,7 @@ impl Factor {
         })
     }
 
-    /// The 8x8 problem of B (p x 8, column-major); `back` brings the p x r matrix B Y back to the members (m x r).
+    /// The 8x8 problem of B (p x 8, column-major); `back` maps the p x r matrix B Y to the members (m x r).
     fn low_rank<T: Real>(&self, b: &[T], p: usize, tau: f64, back: impl Fn(&[f64]) -> Vec<f64>) -> Participation {
         let column = |c: usize| &b[c * p..(c + 1) * p];
         let mut gram = [0.0; CHANNELS * CHANNELS];

@@ -32,12 +32,12 @@ pub struct PageOptions {
     pub up: DVec3,
     /// The initial camera; by default one that sees the whole model.
     pub start: Option<Camera>,
-    /// A picture from that camera, as a `data:` URI, for the time until the model is drawn.
+    /// A picture from that camera, as a `data:` URI, shown until the model is drawn.
     pub poster: Option<String>,
 }
 
 impl PageOptions {
-    /// The camera that the page begins with, for a picture of this size.
+    /// The initial camera of the page, for a picture of this size.
     pub fn first(&self, model: &Gaussians, size: (u32, u32)) -> Camera {
         let whole = || outline(model, self.up.normalize()).camera(0.0, &Look { size, ..Look::default() });
         self.start.clone().unwrap_or_else(whole)
@@ -66,7 +66,7 @@ pub struct Shell {
 }
 
 impl Shell {
-    /// The page that shows this model, or one that looks like it.
+    /// The page for this model, or for one that looks like it.
     pub fn new(model: &Gaussians, mode: RenderMode, options: &PageOptions) -> Self {
         let script: Vec<&str> =
             SCRIPTS.iter().flat_map(|part| part.lines()).filter(|l| !l.starts_with("import ")).collect();
@@ -93,7 +93,7 @@ impl Shell {
         Self { before: before.to_owned(), after: after.to_owned() }
     }
 
-    /// The page round a model that is packed as SPZ 3.
+    /// The page for a model that is packed as SPZ 3.
     pub fn page(&self, packed: &[u8]) -> String {
         [&self.before, &*STANDARD.encode(packed), &self.after].concat()
     }

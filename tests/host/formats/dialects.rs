@@ -49,11 +49,11 @@ fn colours_may_stand_in_red_green_and_blue() {
             assert!(row.iter().zip(wanted).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5), "{row:?} {wanted:?}");
         }
     }
-    // f_dc counts where both are there.
+    // f_dc takes precedence if both exist.
     let dc: [Property; 3] =
         [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
     assert_eq!(read(&ply(&[&base[..], &dc, &REST, &[THIRD]].concat())).gaussians.sh[0], [0.25; 9]);
-    // A point cloud is no model.
+    // A point cloud is not a model.
     let cloud = formats::read_bytes(&ply(&base), Path::new("cloud.ply")).unwrap_err().to_string();
     assert!(cloud.contains("point cloud"), "{cloud}");
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use super::writers::matched;
 use crate::support::files::make;
 
-/// A wide model: it is divided into several leaves.
+/// A wide model, which is divided into several leaves.
 fn wide() -> qirf_vk::gaussians::Gaussians {
     let mut model = make::model(20_000, 1);
     model.means.iter_mut().for_each(|m| m[0] *= 8.0);
@@ -18,7 +18,7 @@ fn meta(folder: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(folder.join("lod-meta.json")).unwrap()).unwrap()
 }
 
-/// Adds up the counts of a level in all leaves; every leaf's box holds its children's.
+/// Adds up the counts of a level in all leaves; checks that every node's box contains its children's.
 fn counted(node: &Value, level: &str) -> u64 {
     match node["children"].as_array() {
         Some(children) => {

@@ -259,7 +259,7 @@ fn sog_versions_agree_and_so_do_folder_and_bundle() {
         std::fs::write(folder.path().join(name), content).unwrap();
     }
     let in_folder = formats::read(folder.path()).unwrap();
-    // With a byte order mark, and with a version that is written as a float.
+    // With a byte order mark, and with a version written as a float.
     let meta = std::fs::read_to_string(folder.path().join("meta.json")).unwrap();
     std::fs::write(
         folder.path().join("meta.json"),

@@ -26,7 +26,7 @@ fn random_block(m: usize, density: f64, seed: u64) -> (Vec<f32>, Vec<[f32; CHANN
     (n, rows)
 }
 
-/// Each of the host's solvers by each library.
+/// Each of the host's solvers with each library.
 fn everyone() -> impl Iterator<Item = (&'static dyn Library, Eigensolver)> {
     LIBRARIES.iter().flat_map(|library| Eigensolver::HOST.map(|solver| (*library, solver)))
 }

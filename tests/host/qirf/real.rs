@@ -64,7 +64,7 @@ fn a_thousand_real_blocks() {
         let k = (m * 28).div_ceil(100);
         let kept = |q: &[f64]| rank(q).iter().map(|&place| (place as usize) < k).collect::<Vec<_>>();
         assert!(!low.canonical && !single.canonical, "block {b}");
-        // Whichever library serves, a block keeps the same set.
+        // A block keeps the same set with every library.
         for library in &LIBRARIES[1..] {
             for (solver, first) in Eigensolver::HOST.into_iter().zip([&full, &low, &single]) {
                 let other = made[b].solved(solver, *library);

@@ -1,4 +1,5 @@
-//! Captures as other systems and tools write them: every one gives the same views as the plain one, or says why not.
+//! Captures as other systems and tools write them: each gives the same views as the plain one, or an error with the
+//! reason.
 
 use std::fs;
 use std::path::Path;
@@ -16,7 +17,7 @@ fn notes(scene: &Scene) -> String {
     scene.skipped.summary().join("\n")
 }
 
-/// A capture whose images.txt or .bin has `listed`, and whose folder images has `files`.
+/// A capture whose images.txt or .bin lists `listed`, and whose images folder contains `files`.
 fn capture(listed: &[&str], files: &[&str]) -> tempfile::TempDir {
     let scene = tempfile::tempdir().unwrap();
     write(&scene.path().join("sparse/0"), row(listed).text());
@@ -57,7 +58,7 @@ fn names_of_other_systems_find_their_files() {
         assert!(opened.views.iter().all(|v| !v.name.contains('\\') && !v.name.starts_with('/')));
         assert_eq!(notes(&opened), "", "{listed:?}");
     }
-    // No photo stands in for that of another camera, or for two.
+    // No photo replaces another camera's, or serves for two.
     assert_eq!(found(&capture(&["left/x.png", "right/x.png"], &["right/x.png"])), ["right/x.png"]);
     assert_eq!(found(&capture(&["left/x.png", "right/x.png"], &["x.png"])).len(), 1);
     assert_eq!(found(&capture(&["a.png"], &["b.png"])), [""; 0]);
@@ -91,7 +92,7 @@ fn the_largest_model_is_taken_and_told() {
         );
         assert!(opened.views.iter().all(|v| v.image.is_file()));
     }
-    // One that is asked for is taken.
+    // A folder that is asked for is used.
     assert_eq!(open(&scene.path().join("sparse/0")).views.len(), 2);
     for only in ["sparse/1", "sparse/merged", "colmap/sparse/3"] {
         let scene = tempfile::tempdir().unwrap();
@@ -209,7 +210,7 @@ fn specks_of_alpha_decide_nothing() {
             assert!(photos[1].pixels.read().unwrap().iter().skip(3).step_by(4).all(|a| *a == 255));
         }
     }
-    // A channel that hides nothing does not keep masks from being used.
+    // A channel that hides nothing does not prevent the use of masks.
     let scene = with_alpha(&[]);
     picture(&scene.path().join("masks/a.png"), 64, 48);
     let photos = open(scene.path()).load_photos(&LoadOptions::default(), &|_| {}).unwrap();
@@ -285,7 +286,7 @@ fn copied_splits_and_train_alone_leave_the_choice_to_eval_every() {
     let opened = open(scene.path());
     assert_eq!((opened.views.len(), opened.split(2)), (4, every_second.clone()));
     assert!(notes(&opened).contains("4 views listed for training and for test"));
-    // Views of which some are in both: those that are for test alone are held out.
+    // Some views are in both files: those that are for test alone are held out.
     write(scene.path(), [("transforms_test.json", transforms(top, &["a.png", "e.png"]))]);
     assert_eq!(open(scene.path()).split(2), Split { train: vec![0, 1, 2, 3], test: vec![4] });
     let scene = tempfile::tempdir().unwrap();
@@ -334,7 +335,8 @@ fn repeated_points_are_merged_and_counted() {
     assert_eq!((opened.points.len(), opened.skipped.repeated_points), (40, 80));
 }
 
-/// TIFF of 8 and 16 bits is read as it is, floats of EXR are linear and get the curve of sRGB; others are named.
+/// TIFF of 8 and 16 bits is read unchanged; floats of EXR are linear and get the curve of sRGB; other formats are named
+/// in errors.
 #[test]
 fn photos_of_cameras_and_renderers_are_read_or_named() {
     let scene = capture(&["a.tif", "b.tif", "c.exr"], &["a.tif"]);
