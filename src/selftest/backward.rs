@@ -157,8 +157,8 @@ pub(super) fn chain(device: &Device) -> Result<Vec<Measure>> {
 }
 
 /// One pixel behind layers of one colour and opacity, before black: dL/dalpha is a difference of nearly equal values,
-/// and its error is that of two sums with one rounding per layer drawn. Measures the worst layer's error in units of (8
-/// + the root of the number of layers drawn) roundings of the colour: 0.65, even if exponentials are off by two
+/// and its error is that of two sums with one rounding per layer drawn. Measures the worst layer's error in units of
+/// (8 + the root of the number of layers drawn) roundings of the colour: 0.65, even if exponentials are off by two
 /// roundings.
 pub(super) fn alike(device: &Device) -> Result<Vec<Measure>> {
     let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.5, 1, 1);
