@@ -1,6 +1,6 @@
 //! `qirf-vk device --kernels`: kernels as a driver compiles them, without running any.
 
-use crate::support::skip;
+use crate::support::{skip, source};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -50,6 +50,31 @@ fn no_kernel_spills_registers_on_amd() {
                 assert_eq!(value(wasted), 0.0, "{family}, {}: {wasted}", kernel["kernel"]);
             }
             assert!(value("Instructions") > 0.0 && value("LDS size") <= 16384.0, "{family}, {}", kernel["kernel"]);
+        }
+    }
+}
+
+/// Kernels that wait for each load before they ask for the next one leave a GPU's memory idle.
+#[test]
+fn hot_kernels_have_several_loads_in_flight_on_amd() {
+    if radv().is_none() {
+        return skip("no driver of AMD's GPUs");
+    }
+    let mut command = Command::new(source("tools/isa"));
+    let output = command.env("QIRF_PROGRAM", env!("CARGO_BIN_EXE_qirf-vk")).output().expect("tools/isa starts");
+    let table = String::from_utf8(output.stdout).expect("a table");
+    assert!(output.status.success() && !table.contains('?'), "{table}{}", String::from_utf8_lossy(&output.stderr));
+    let rows: Vec<Vec<&str>> = table.lines().map(|row| row.split('|').map(str::trim).collect()).collect();
+    for (kernel, least) in
+        [("render/rasterise", 3), ("train/adam_all", 4), ("render/project_backward", 6), ("train/loss_tiles", 8)]
+    {
+        let of: Vec<_> = rows.iter().filter(|row| row.get(1) == Some(&kernel)).collect();
+        assert!(!of.is_empty(), "no {kernel} in\n{table}");
+        for row in of {
+            assert!(
+                row[9].parse::<u32>().is_ok_and(|most| most >= least),
+                "{kernel}: {row:?}, not {least} loads in flight"
+            );
         }
     }
 }
