@@ -81,6 +81,7 @@ impl<'a> ActiveRun<'a> {
         // Starts empty and grows on demand; runs in blocks never use it.
         let mut evaluator = Evaluator::new(device, settings, 1, prepared.views())?;
         evaluator.compare_as(config.exposure);
+        evaluator.rest()?;
         let mut run = Self { setup, config, output, trainer, evaluator, notes, log: None };
         if !run.notes.prunes.is_empty() || run.trainer.attrition().is_some() {
             run.fine_tune();

@@ -75,6 +75,7 @@ impl Trainer {
         let drawing = renderer + pruning.max(staging_bytes(widest));
         // The renderer's buffers are freed while the number of Gaussians changes and while views are scored.
         let released = Renderer::bytes(device, 1, [1, 1], 1, uses) + growth.max(needs.evaluation);
-        model + pictures + HostCheck::BYTES + drawing.max(released)
+        let resting = Renderer::bytes(device, 1, [1, 1], 1, Uses { style: needs.style, ..Uses::default() });
+        model + pictures + HostCheck::BYTES + resting + drawing.max(released)
     }
 }
