@@ -79,9 +79,8 @@ impl<'a> ActiveRun<'a> {
             (trainer, none)
         };
         // Starts empty and grows on demand; runs in blocks never use it.
-        let mut evaluator = Evaluator::new(device, settings, 1, prepared.views())?;
+        let mut evaluator = Evaluator::empty(device, settings)?;
         evaluator.compare_as(config.exposure);
-        evaluator.rest()?;
         let mut run = Self { setup, config, output, trainer, evaluator, notes, log: None };
         if !run.notes.prunes.is_empty() || run.trainer.attrition().is_some() {
             run.fine_tune();

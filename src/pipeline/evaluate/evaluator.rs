@@ -147,6 +147,15 @@ impl Evaluator {
         Self { painter, comparison: Comparison { background: settings.background, fits_exposure: false } }
     }
 
+    /// An evaluator of models on the device that has no room for any yet, and grows to what it draws.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn empty(device: &Device, settings: Settings) -> Result<Self, Error> {
+        let painter = Painter::new(device, settings, 1, [1, 1])?;
+        Ok(Self { painter, background: settings.background, fits_exposure: false })
+    }
+
     /// An evaluator of a model wherever it is, for views of at most the size of the largest given one.
     ///
     /// # Errors
