@@ -152,8 +152,7 @@ impl Evaluator {
     /// # Errors
     /// Device memory.
     pub fn empty(device: &Device, settings: Settings) -> Result<Self, Error> {
-        let painter = Painter::new(device, settings, 1, [1, 1])?;
-        Ok(Self { painter, background: settings.background, fits_exposure: false })
+        Ok(Self::with(Painter::new(device, settings, 1, [1, 1])?, settings))
     }
 
     /// An evaluator of a model wherever it is, for views of at most the size of the largest given one.
