@@ -279,6 +279,8 @@ impl Renderer {
         let grow = pairs > self.frame.pairs.count.limit();
         if grow {
             let room = |pairs: u32| PairBuffers::new(&self.device, pairs, self.uses);
+            // The old lists go first; after an error there are none until the next picture asks for room.
+            self.frame.pairs = room(1)?;
             // A quarter more, if it fits, avoids growing again soon.
             self.frame.pairs = match room(pairs.saturating_add(pairs / 4)) {
                 Err(error) if error.is_resources() => room(pairs)?,

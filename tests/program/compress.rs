@@ -165,7 +165,7 @@ fn files_have_the_size_that_was_asked_for() {
     small(&model, &tuned, &["--size", "6.5kB", "--fine-tune", "5"]);
     let bytes = std::fs::metadata(&tuned).unwrap().len();
     // So few Gaussians grow by leaps.
-    assert!((6110..=6500).contains(&bytes), "{bytes}");
+    assert!((5500..=6500).contains(&bytes), "{bytes}");
 }
 
 #[test]

@@ -122,5 +122,6 @@ pub fn score(
     let before = if views.truth == Truth::Photos { scoring.scores(shown.source())? } else { Vec::new() };
     drop(shown);
     let after = scoring.scores_of(compressed)?;
-    Ok(views.stages([before, after, Vec::new(), Vec::new()]))
+    // A task's model is a PLY: its file shows what the model does.
+    Ok(views.stages([before, after.clone(), Vec::new(), after]))
 }
