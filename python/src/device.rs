@@ -17,7 +17,8 @@ impl Device {
     #[new]
     #[pyo3(signature = (name=None, *, memory_limit=None))]
     fn new(py: Python<'_>, name: Option<String>, memory_limit: Option<u64>) -> PyResult<Self> {
-        let options = DeviceOptions { device: name, memory_limit, ..DeviceOptions::default() };
+        let options = DeviceOptions::from_env().map_err(|e| raised(Error::from(e)))?;
+        let options = DeviceOptions { device: name.or(options.device), memory_limit, ..options };
         let inner = py.detach(|| gpu::Device::open(&options)).map_err(|e| raised(Error::from(e)))?;
         Ok(Self { inner })
     }

@@ -65,8 +65,9 @@ fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
     assert_eq!(of_blocks, kept(&blocks));
     assert!(blocks["omega"].as_f64().unwrap() < 2.5);
     let whole = one["memory"]["peak_bytes"].as_f64().unwrap() / f64::from(1 << 20);
-    // Up to the prune a block sees what all have grown to; here nearly every photo shows all of it.
-    for (tasks, share) in [("dense/", 0.8), ("tune/", 1.0), ("settle/", 0.5), ("finish/", 0.5)] {
+    // Up to the prune a block sees what all have grown to; here nearly every photo shows all of it. Lists of pairs, of which a small
+    // picture has as many for a block as for the whole, are most of what both hold.
+    for (tasks, share) in [("dense/", 0.9), ("tune/", 1.0), ("settle/", 0.5), ("finish/", 0.5)] {
         let block = most_memory(&said, tasks);
         assert!(block <= share * whole, "{tasks}: {block} MiB of the device, in one piece {whole:.1}");
     }
