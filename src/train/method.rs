@@ -34,7 +34,7 @@ pub trait Method: Send + Sync {
         false
     }
 
-    /// Records commands between [`TrainingRenderer::record_lists`] and [`TrainingRenderer::record_blending`].
+    /// Records commands between [`crate::render::Renderer::record_lists`] and [`crate::render::Renderer::record_blending`].
     fn before_blending(&self, _recording: &mut Recording, _now: &Iteration<'_>) {}
 
     /// Records commands between [`TrainingRenderer::record_backward`] and the step of Adam.

@@ -171,7 +171,7 @@ impl Device {
     /// call.
     ///
     /// # Panics
-    /// If the device was opened without [`crate::gpu::DeviceOptions::order`].
+    /// If the device was opened without [`crate::gpu::Harness::order`].
     pub fn reorder(&self, order: Order, forget: Forget) -> Vec<Derived> {
         let disorder = self.context().disorder.as_ref().expect("the device was opened with an order");
         let mut state = lock(&disorder.0);

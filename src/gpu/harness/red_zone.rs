@@ -62,7 +62,7 @@ impl Context {
 
 impl Device {
     /// Names of the buffers, alive or dropped, behind whose end a kernel wrote; always empty unless the device was
-    /// opened with [`crate::gpu::DeviceOptions::guarded`]. All submitted work must have been waited for.
+    /// opened with [`crate::gpu::Harness::guarded`]. All submitted work must have been waited for.
     pub fn overrun_buffers(&self) -> Vec<String> {
         let Some(guards) = &self.context().guards else { return Vec::new() };
         // Strong references first: dropping the last one here takes the lock itself.

@@ -1,6 +1,6 @@
 //! Dense linear algebra of blocks: factors, triangular solutions and eigenpairs, by any of the libraries compiled in.
 //!
-//! Matrices are column-major, lower triangle. An eigenvector's sign is fixed: see [`turn`].
+//! Matrices are column-major, lower triangle. An eigenvector's sign is fixed: see `turn`.
 
 #[cfg(feature = "faer")]
 mod faer;

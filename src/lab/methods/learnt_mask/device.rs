@@ -126,8 +126,8 @@ pub struct Masked<'a> {
 }
 
 impl Masked<'_> {
-    /// Records the hiding of masked Gaussians, between [`TrainingRenderer::record_lists`] and
-    /// [`TrainingRenderer::record_blending`].
+    /// Records the hiding of masked Gaussians, between [`crate::render::Renderer::record_lists`] and
+    /// [`crate::render::Renderer::record_blending`].
     pub fn hide(&self, recording: &mut Recording) {
         let (slots, [seed, iteration]) = (self.renderer.slots(self.camera), self.key);
         let kernel = Kernel {
