@@ -60,9 +60,4 @@ void hand_in_own(uint slot, uint gaussian) { sums[slot] = own_sum; }
 
 void hand_in_nothing(uint slot) { sums[slot] = 0; }
 
-void main() {
-    uvec2 tiles = view[0].tiles;
-    uint tile = walked_tile(group_index(), tiles);
-    if (tile >= tiles.x * tiles.y) return;
-    walk_alone(tile, uvec2(tile % tiles.x, tile / tiles.x) * TILE);
-}
+void main() { walk_own_tile(); }

@@ -38,3 +38,10 @@ void walk_alone(uint tile, uvec2 corner) {
     // Splats behind the point where the last pixel ended are not drawn.
     for (uint n = first + lane; n < end; n += SUBGROUP) hand_in_nothing(slots[n]);
 }
+
+// Walks the tile of this workgroup, which is one subgroup.
+void walk_own_tile() {
+    uvec2 tiles = view[0].tiles;
+    uint tile = walked_tile(group_index(), tiles);
+    if (tile < tiles.x * tiles.y) walk_alone(tile, uvec2(tile % tiles.x, tile / tiles.x) * TILE);
+}

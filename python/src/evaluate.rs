@@ -6,9 +6,8 @@ use crate::errors::wrong;
 use crate::model::Model;
 use crate::watch::Follower;
 use engine::metrics::Networks;
-use engine::pipeline::config::no_methods;
 use engine::pipeline::eval::{self, Evaluation};
-use engine::pipeline::{Error, RunConfig, Session, host_bytes};
+use engine::pipeline::{Error, RunConfig, Session};
 use engine::render::Style;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
@@ -33,14 +32,7 @@ pub fn evaluate<'py>(
     let device = or_usual(py, device)?;
     let follower = Follower::new(None, on_progress);
     let networks = Networks::find(None).map_err(|e| crate::errors::raised(Error::from(e)))?;
-    let session = Session {
-        device: &device,
-        networks: &networks,
-        host_bytes: host_bytes(None),
-        scratch: None,
-        watcher: &follower,
-        methods: no_methods,
-    };
+    let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
     match (scene, original) {
         (Some(scene), None) => {
             let usual = RunConfig::of(scene, Default::default());

@@ -7,8 +7,8 @@ use crate::model::Model;
 use crate::watch::Follower;
 use engine::gaussians::formats;
 use engine::metrics::Networks;
-use engine::pipeline::config::{Pruning, no_methods};
-use engine::pipeline::{Error, Output, Preset, RunConfig, Session, host_bytes, run};
+use engine::pipeline::config::Pruning;
+use engine::pipeline::{Error, Output, Preset, RunConfig, Session, run};
 use engine::qirf::select::budget::Keep;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -95,14 +95,7 @@ pub fn train(
             return Err(Error::Unfinished(output.checkpoint()));
         }
         let networks = Networks::find(None)?;
-        let session = Session {
-            device: &device,
-            networks: &networks,
-            host_bytes: host_bytes(None),
-            scratch: None,
-            watcher: &follower,
-            methods: no_methods,
-        };
+        let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
         let record = run::run(&session, &config, &output, resume)?;
         let loaded = formats::read(&output.model())?;
         let path = output.log();

@@ -25,7 +25,7 @@ impl Follower {
         Self { on_step, on_progress, raised: Mutex::new(None), looked: Mutex::new(Instant::now()) }
     }
 
-    /// What the job ended with: the callback's own exception comes first.
+    /// The job's outcome; the callback's own exception comes first.
     pub fn result<T>(&self, result: Result<T, engine::pipeline::Error>) -> PyResult<T> {
         match self.raised.lock().map(|mut raised| raised.take()) {
             Ok(Some(exception)) if result.is_err() => Err(exception),

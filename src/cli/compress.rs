@@ -17,7 +17,6 @@ use crate::pipeline::compress::curve::{CurvePlan, curve};
 use crate::pipeline::compress::fit::{self, Target};
 use crate::pipeline::compress::peer::Peer;
 use crate::pipeline::compress::{self, Input};
-use crate::pipeline::config::no_methods;
 use crate::pipeline::records::{AimRecord, CompressRecord, ModelFile, StageScores, Truth};
 use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
@@ -110,16 +109,14 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
+        let networks = Networks::default();
         let mut watcher = Show::new(console);
         watcher.record(self.diagnostics.as_deref().map(Recorder::of_file));
-        let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
         let session = Session {
-            device: &device,
-            networks: &Networks::default(),
-            host_bytes,
-            scratch,
+            host_bytes: host_bytes(self.memory_budget),
+            scratch: self.scratch.folder(),
             watcher: &watcher,
-            methods: no_methods,
+            ..Session::new(&device, &networks)
         };
         let config = self.options.configuration(style, self.fine_tune)?;
         let target = Target { precision: self.sh_bits.map(Precision::Spz), ..Target::new(&self.output) };
@@ -194,7 +191,7 @@ impl Arguments {
     }
 }
 
-/// What was chosen for an aim, as a line.
+/// The choice for an aim, as a line.
 pub(super) fn outcome(figures: &CompressRecord, console: &Console) -> String {
     let CompressRecord { aim, output, test, .. } = figures;
     let Some(aim) = aim else { return String::new() };

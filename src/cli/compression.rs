@@ -71,7 +71,7 @@ impl CompressArgs {
         Some((self.scene.as_deref()?, self.images.as_deref()))
     }
 
-    /// What is asked of the file, if anything.
+    /// The aim for the file, if there is one.
     pub fn aim(&self) -> Result<Option<Aim>, Error> {
         self.pictures()?;
         let mut files =

@@ -108,7 +108,7 @@ impl Arguments {
         self.check(is_page)?;
         let loaded = self.placed(read_model(&self.input, console)?, console);
         let format = if is_page { self.output.with_extension("spz") } else { self.output.clone() };
-        // What is quantised is measured, where there is a device.
+        // Quantised files are measured where there is a device.
         let exact = formats::is_exact(&format) && self.lod.is_none();
         let device = (!exact).then(|| global.open());
         let device =

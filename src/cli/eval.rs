@@ -11,7 +11,6 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
-use crate::pipeline::config::no_methods;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::pipeline::{Output, RunConfig, Selection, Session, host_bytes};
@@ -103,14 +102,11 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;
         let watcher = Show::new(console);
-        let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
         let session = Session {
-            device: &device,
-            networks: &networks,
-            host_bytes,
-            scratch,
+            host_bytes: host_bytes(self.memory_budget),
+            scratch: self.scratch.folder(),
             watcher: &watcher,
-            methods: no_methods,
+            ..Session::new(&device, &networks)
         };
         let record = eval::eval(&session, &self.model, &loaded.gaussians, &evaluation, output.as_ref())?;
         tell_of_missing(&networks, console);
@@ -134,14 +130,11 @@ impl Arguments {
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let watcher = Show::new(console);
-        let (host_bytes, scratch) = (host_bytes(self.memory_budget), self.scratch.folder());
         let session = Session {
-            device: &device,
-            networks: &networks,
-            host_bytes,
-            scratch,
+            host_bytes: host_bytes(self.memory_budget),
+            scratch: self.scratch.folder(),
             watcher: &watcher,
-            methods: no_methods,
+            ..Session::new(&device, &networks)
         };
         let background = self.background.unwrap_or([0.0; 3]);
         let held_out = eval::against(&session, [(&model.0, model.1), (&original.0, original.1)], background)?;

@@ -101,7 +101,7 @@ pub(super) struct Arguments {
     rendering: style::Rendering,
 }
 
-/// What is to be drawn.
+/// The picture to draw.
 enum Work {
     Shots(Vec<Shot>),
     Film(Vec<Camera>),

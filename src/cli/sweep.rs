@@ -101,14 +101,13 @@ impl Arguments {
         let device = self.resources.device(global)?;
         Output::new(&self.output)?;
         let watcher = Show::new(console);
-        let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
+        let networks = Networks::default();
         let session = Session {
-            device: &device,
-            networks: &Networks::default(),
-            host_bytes,
-            scratch,
+            host_bytes: self.resources.host_bytes(),
+            scratch: self.resources.scratch(),
             watcher: &watcher,
             methods: make,
+            ..Session::new(&device, &networks)
         };
         let (described, mut axes) = self.light(&session, console, &asked)?;
         if asked.iter().any(|a| a.axis.heavy()) {

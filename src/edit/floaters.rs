@@ -25,7 +25,7 @@ const ALONE: f64 = 0.05;
 /// Without photos, a seen one is alone with fewer seen ones around it.
 const COMPANY: usize = 3;
 
-/// What photos, or pictures, show of a Gaussian.
+/// Evidence about a Gaussian from photos, or from pictures of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sight {
     /// Sum of its weights T alpha over all pixels of all photos.

@@ -52,6 +52,11 @@ pub struct Renderer {
     pub(super) uses: Uses,
 }
 
+/// Number of tiles of this side in a picture.
+fn tiles(side: u32, [width, height]: [u32; 2]) -> usize {
+    width.div_ceil(side) as usize * height.div_ceil(side) as usize
+}
+
 impl AsMut<Self> for Renderer {
     fn as_mut(&mut self) -> &mut Self {
         self
@@ -76,8 +81,7 @@ impl Renderer {
         purpose: Purpose,
     ) -> Result<Self> {
         let launch = Launch::new(device, settings);
-        let tile = launch.tuning.tile;
-        let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
+        let tiles = tiles(launch.tuning.tile, [width, height]);
         let uses = Uses { purpose, responses: purpose == Purpose::Scores, style: settings.style };
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
         Ok(Self { device: device.clone(), launch, frame, gaussians, uses })
@@ -85,8 +89,7 @@ impl Renderer {
 
     /// Bytes of a renderer with room for the given numbers of Gaussians and pairs, and one `width` x `height` picture.
     pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, uses: Uses) -> u64 {
-        let tile = device.tuning().tile;
-        let tiles = width.div_ceil(tile) as usize * height.div_ceil(tile) as usize;
+        let tiles = tiles(device.tuning().tile, [width, height]);
         let guards = if uses.purpose == Purpose::Pictures { 0 } else { Buffer::<u32>::bytes_of(2) };
         Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses) + guards
     }
@@ -236,8 +239,7 @@ impl Renderer {
     }
 
     pub(super) fn tiles(&self, camera: &Camera) -> usize {
-        let tile = self.tile();
-        camera.width.div_ceil(tile) as usize * camera.height.div_ceil(tile) as usize
+        tiles(self.tile(), [camera.width, camera.height])
     }
 
     /// Records the forward pass of one picture.

@@ -51,14 +51,6 @@ impl Array {
         kinds.iter().map(|kind| Buffer::<f32>::bytes_of(n * kind.width)).sum()
     }
 
-    /// An array for `n` Gaussians; its content is undefined.
-    ///
-    /// # Errors
-    /// Device memory.
-    pub fn room(device: &Device, kind: ArrayKind, n: usize) -> Result<Self> {
-        Ok(Self { kind, values: device.buffer(kind.name, n * kind.width)? })
-    }
-
     /// An array with these numbers.
     ///
     /// # Errors

@@ -7,26 +7,21 @@ use std::path::PathBuf;
 /// A path below the folder of shared data (`../shared`, or `QIRF_SHARED`); `None` if it is missing, and the test is
 /// skipped.
 pub fn shared(part: &str) -> Option<PathBuf> {
-    let path = shared_root().join(part);
-    if path.exists() {
-        return Some(path);
-    }
-    skip("no shared data");
-    None
+    found(part, "no shared data")
 }
 
 /// The same for the larger part of a test that can run without them: that part is skipped.
 pub fn shared_as_well(part: &str) -> Option<PathBuf> {
-    let path = shared_root().join(part);
-    if path.exists() {
-        return Some(path);
-    }
-    skip("in part: no shared data");
-    None
+    found(part, "in part: no shared data")
 }
 
-fn shared_root() -> PathBuf {
-    std::env::var_os("QIRF_SHARED").map_or_else(|| source("../shared"), PathBuf::from)
+fn found(part: &str, otherwise: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("QIRF_SHARED").map_or_else(|| source("../shared"), PathBuf::from);
+    let path = Some(root.join(part)).filter(|path| path.exists());
+    if path.is_none() {
+        skip(otherwise);
+    }
+    path
 }
 
 /// A path in the source tree, or in `QIRF_SOURCE` if the tests run without one (`tools/gpu-report`).

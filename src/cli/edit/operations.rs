@@ -21,7 +21,7 @@ pub(super) struct Asked {
     pub what: Operation,
 }
 
-/// What an operation does.
+/// The effect of an operation.
 #[derive(Clone, Debug)]
 pub(super) enum Operation {
     Edit(Edit),

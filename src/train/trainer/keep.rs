@@ -3,10 +3,12 @@
 use super::Trainer;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
+use crate::gpu::{self, Device};
 use crate::train::density::compact;
 use crate::train::error::Result;
 use crate::train::loss::Weights;
 use crate::train::mean::Mean;
+use crate::train::training_model::TrainingModel;
 
 impl Trainer {
     /// Removes the trained Gaussians that `keep` does not mark; the others keep their moments. Parameters are taken
@@ -33,6 +35,36 @@ impl Trainer {
             self.training.model.parameters = merged.parameters;
         }
         Ok(())
+    }
+
+    /// Runs work on the model while the renderer's buffers are freed; they fit the model's number of Gaussians afterwards.
+    pub(super) fn aside<T, E: From<gpu::Error>>(
+        &mut self,
+        work: impl FnOnce(&Device, &mut TrainingModel) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let released = self.renderer.release()?;
+        let done = work(&self.device, &mut self.training);
+        let restored = self.renderer.restore(released, self.training.model.len);
+        let done = done?;
+        restored?;
+        Ok(done)
+    }
+
+    /// Changes the number of Gaussians, which ends averages over responses.
+    pub(super) fn reshaped<T>(
+        &mut self,
+        change: impl FnOnce(&Device, &mut TrainingModel) -> gpu::Result<T>,
+    ) -> Result<T> {
+        self.responses = None;
+        Ok(self.aside(change)?)
+    }
+
+    /// Lends the model to work that needs memory; the renderer's buffers are freed meanwhile.
+    ///
+    /// # Errors
+    /// Device memory; errors of `work`.
+    pub fn lend<T, E: From<gpu::Error>>(&mut self, work: impl FnOnce(&Resident) -> Result<T, E>) -> Result<T, E> {
+        self.aside(|_, training| work(&training.model))
     }
 
     /// Changes the weights of the loss.

@@ -33,11 +33,10 @@ impl Trainer {
             return Ok(());
         };
         let (key, most, schedule) = ([self.options.seed, iteration], self.options.most, schedule.clone());
-        let responses = self.responses.take();
-        let changed = self
-            .reshaped(|device, model| method.between(&mut Pause { device, model, schedule: &schedule, key, most }))?;
-        if !changed.rows {
-            self.responses = responses;
+        let changed =
+            self.aside(|device, model| method.between(&mut Pause { device, model, schedule: &schedule, key, most }))?;
+        if changed.rows {
+            self.responses = None;
         }
         if changed.cut.is_some() {
             self.state.cut = changed.cut;

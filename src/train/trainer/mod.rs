@@ -8,7 +8,7 @@ mod method;
 
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
-use crate::gpu::{self, Device, Recording, Ticket, Timings};
+use crate::gpu::{Device, Recording, Ticket, Timings};
 use crate::random::permutation;
 use crate::render::{Backward, Settings, TrainingRenderer};
 use crate::response::{Gather, ResidentResponses};
@@ -404,37 +404,12 @@ impl Trainer {
         Ok(())
     }
 
-    /// Changes the number of Gaussians. The renderer's buffers are freed during the change, and fit the new number afterwards.
-    pub(super) fn reshaped<T, E: Into<Error>>(
-        &mut self,
-        change: impl FnOnce(&Device, &mut TrainingModel) -> Result<T, E>,
-    ) -> Result<T> {
-        self.responses = None;
-        let released = self.renderer.release()?;
-        let changed = change(&self.device, &mut self.training);
-        self.renderer.restore(released, self.training.model.len)?;
-        changed.map_err(Into::into)
-    }
-
-    /// Lends the model to work that needs memory; the renderer frees its buffers for the time.
-    ///
-    /// # Errors
-    /// Device memory; errors of `work`.
-    pub fn lend<T, E: From<gpu::Error>>(&mut self, work: impl FnOnce(&Resident) -> Result<T, E>) -> Result<T, E> {
-        let released = self.renderer.release()?;
-        let done = work(&self.training.model);
-        self.renderer.restore(released, self.training.model.len)?;
-        done
-    }
-
     /// Runs density control, opacity reset, a method's own work, attrition, the mean of iterates and smoothing, if they
     /// are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
         if self.densifies(iteration) {
-            let schedule = &self.options.schedule;
-            let (seed, most) = (self.options.seed, self.options.most);
+            let (schedule, seed, most) = (self.options.schedule.clone(), self.options.seed, self.options.most);
             let step = Step { iteration, seed, extent: self.extent, cameras: self.cameras, most };
-            let schedule = schedule.clone();
             self.reshaped(|device, model| densify(device, model, &schedule, step))?;
         }
         if self.resets_opacity(iteration) {
