@@ -187,6 +187,14 @@ impl<'a> ActiveRun<'a> {
         Ok(mean(&psnr))
     }
 
+    /// Mean PSNR of as many training views as are held out, evenly spread, with the current model, in dB.
+    fn train_psnr(&mut self) -> Result<Option<f64>, Error> {
+        let prepared = &self.setup.prepared;
+        let every = prepared.train.len().div_ceil(prepared.test.len().max(1)).max(1);
+        let psnr = self.shown(|evaluator, model| evaluator.psnr(model, prepared.train.iter().step_by(every)))?;
+        Ok(mean(&psnr).filter(|psnr| psnr.is_finite()))
+    }
+
     /// Shows the model to the evaluator; the trainer and the evaluator do not take memory at the same time.
     fn shown<T>(&mut self, show: impl FnOnce(&mut Evaluator, &Resident) -> Result<T, Error>) -> Result<T, Error> {
         let Self { trainer, evaluator, .. } = self;
@@ -257,8 +265,10 @@ impl<'a> ActiveRun<'a> {
     fn point(&mut self, iteration: u32) -> Result<Option<f64>, Error> {
         let psnr = self.psnr()?;
         if let Some(psnr) = psnr {
+            let train_psnr = self.train_psnr()?;
             let gaussians = self.trainer.len();
-            self.notes.curve.push(CurvePoint { iteration, seconds: self.notes.seconds, psnr, gaussians });
+            let seconds = self.notes.seconds;
+            self.notes.curve.push(CurvePoint { iteration, seconds, psnr, train_psnr, gaussians });
         }
         Ok(psnr)
     }
@@ -331,6 +341,12 @@ impl<'a> ActiveRun<'a> {
         let evaluated = assessment.record(session, prepared.scene.skipped.clone(), protocol, &model, &output.model());
         let floaters = floaters.map(|(counts, _)| counts);
         let record = RunRecord { floaters, ..self.record(evaluated, evaluating.elapsed().as_secs_f64()) };
+        if let Some(best) = record.past_best() {
+            let CurvePoint { iteration, psnr, gaussians, .. } = best;
+            watcher.note(&format!(
+                "the run was past its best: held-out photos had {psnr:.2} dB after iteration {iteration}, with {gaussians} Gaussians"
+            ));
+        }
         Output::json(&output.metrics(), "metrics.json", &record)?;
         Ok(record)
     }

@@ -67,6 +67,7 @@ fn rich() -> RunRecord {
         iteration: 100 * k,
         seconds: 2.5 * f64::from(k),
         psnr: 18.0 + f64::from(k),
+        train_psnr: Some(19.0 + f64::from(k)),
         gaussians: if k > 4 { 1400 } else { 1000 * k as usize },
     };
     RunRecord {
@@ -246,8 +247,18 @@ fn whatever_is_missing_leaves_a_sound_page() {
     let mut one = bare();
     one.views = vec![view("one.png", None)];
     one.test = Some(one.views[0].scores.clone());
-    one.curve = vec![CurvePoint { iteration: 1, seconds: 0.0, psnr: 20.0, gaussians: 0 }];
+    one.curve = vec![CurvePoint { iteration: 1, seconds: 0.0, psnr: 20.0, train_psnr: None, gaussians: 0 }];
     assert!(sound(&of_run(&one, &output, None)).texts(".tile").iter().any(|t| t.contains('∞')));
+
+    let points = |last: f64| {
+        let point = |(k, psnr): (usize, f64)| CurvePoint { iteration: 100 * k as u32, psnr, ..one.curve[0] };
+        [20.0, 22.0, last].into_iter().enumerate().map(point).collect::<Vec<_>>()
+    };
+    let past = |curve: Vec<CurvePoint>| {
+        let html = sound(&of_run(&RunRecord { curve, ..one.clone() }, &output, None));
+        html.texts("p").iter().any(|t| t.contains("past its best: after iteration 100 held-out views had 22.00 dB"))
+    };
+    assert!(past(points(21.0)) && !past(points(21.95)) && !past(points(23.0)));
 
     one.cut = Some(Cut { iteration: 1500, before: 5000, shown: 1800, after: 1400 });
     let told = "After iteration 1,500, the method would have kept 1,800 of 5,000 Gaussians; 1,400 were kept.";

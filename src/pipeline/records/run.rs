@@ -123,8 +123,25 @@ pub struct CurvePoint {
     /// Mean PSNR of the held-out views, in dB; infinite, and null in JSON, if all are equal to their photos.
     #[serde(deserialize_with = "infinite_for_null")]
     pub psnr: f64,
+    /// The same of training views, of as many as are held out, evenly spread; null if it was not measured.
+    #[serde(default)]
+    pub train_psnr: Option<f64>,
     /// Gaussians.
     pub gaussians: usize,
+}
+
+/// How far a run went past its best, in dB, from which it is told.
+const PAST: f64 = 0.1;
+
+impl RunRecord {
+    /// The best point of the quality curve with no more Gaussians than at the end, if the run ended well below it:
+    /// training longer was a loss.
+    pub fn past_best(&self) -> Option<&CurvePoint> {
+        let last = self.curve.last()?;
+        let as_small = self.curve.iter().filter(|p| p.gaussians <= last.gaussians);
+        let best = as_small.max_by(|a, b| a.psnr.total_cmp(&b.psnr))?;
+        (best.psnr - last.psnr >= PAST).then_some(best)
+    }
 }
 
 fn infinite_for_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {

@@ -4,7 +4,7 @@ use crate::pipeline::records::{CurvePoint, PruneRecord, RunRecord};
 use crate::report::format::percent;
 use crate::report::page::{absent, side_by_side};
 use crate::report::plot::{Axis, Line, Lines, Mark};
-use maud::Markup;
+use maud::{Markup, html};
 
 pub fn body(results: &RunRecord) -> Markup {
     let curve = &results.curve;
@@ -18,11 +18,16 @@ pub fn body(results: &RunRecord) -> Markup {
     let marks = |x: &dyn Fn(&PruneRecord) -> f64| -> Vec<Mark> {
         results.prunes.iter().map(|p| Mark { x: x(p), label: label(p) }).collect()
     };
+    let trained = curve.iter().filter_map(|p| Some([p.seconds, p.train_psnr?])).collect();
+    let lines = vec![
+        Line { name: "held out", points: curve.iter().map(|p| [p.seconds, p.psnr]).collect() },
+        Line { name: "trained on", points: trained },
+    ];
     let psnr = Lines {
-        title: "PSNR of the held-out views",
+        title: "PSNR of held-out and of training views",
         x: Axis::from_zero("seconds of training and pruning"),
         y: Axis::new("PSNR / dB"),
-        lines: vec![Line { name: "PSNR / dB", points: curve.iter().map(|p| [p.seconds, p.psnr]).collect() }],
+        lines,
         marks: marks(&|p| seconds(curve, p.iteration)),
     };
     let gaussians = Lines {
@@ -32,7 +37,16 @@ pub fn body(results: &RunRecord) -> Markup {
         lines: vec![Line { name: "Gaussians", points: gaussians(results) }],
         marks: marks(&|p| f64::from(p.iteration)),
     };
-    side_by_side(&[psnr.draw(), gaussians.draw()])
+    let past = results.past_best().map(|best| {
+        format!(
+            "The run was past its best: after iteration {} held-out views had {:.2} dB. From there on it fitted what the photos do not determine.",
+            best.iteration, best.psnr
+        )
+    });
+    html! {
+        (side_by_side(&[psnr.draw(), gaussians.draw()]))
+        @if let Some(past) = past { p { (past) } }
+    }
 }
 
 /// Time at which an iteration was done, interpolated between the points of the curve.
@@ -69,7 +83,7 @@ mod tests {
 
     #[test]
     fn a_prune_is_found_in_time() {
-        let point = |iteration, seconds| CurvePoint { iteration, seconds, psnr: 20.0, gaussians: 5 };
+        let point = |iteration, seconds| CurvePoint { iteration, seconds, psnr: 20.0, train_psnr: None, gaussians: 5 };
         let curve = [point(100, 10.0), point(200, 30.0)];
         assert_eq!([0, 50, 100, 150, 200, 250].map(|i| seconds(&curve, i)), [0.0, 5.0, 10.0, 20.0, 30.0, 30.0]);
         assert!(seconds(&[], 5).is_nan(), "and is not drawn");
