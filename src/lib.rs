@@ -95,5 +95,6 @@ pub mod report;
 pub mod selftest;
 #[cfg(feature = "shard")]
 pub mod shard;
+mod solve;
 #[cfg(feature = "view")]
 pub mod view;

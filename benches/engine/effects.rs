@@ -21,6 +21,7 @@ fn arms() -> Vec<(&'static str, Options, AlphaRole)> {
         ("view_dependence, degree 1", options(1), opaque),
         ("view_dependence, degree 3", options(3), opaque),
         ("exposure", Options { exposure: Some(Exposures::Learnt(Vec::new())), ..options(0) }, opaque),
+        ("poses", Options { poses: true, ..options(0) }, opaque),
         ("antialias", Options { settings: style(true, false), ..options(0) }, opaque),
         ("transparency", options(0), AlphaRole::Alpha),
         ("masks", options(0), AlphaRole::Mask),
@@ -37,7 +38,7 @@ fn trainer(options: Options, alpha_role: AlphaRole) -> Trainer {
     trainer
 }
 
-/// Distortion is left out: photos are resampled when they are loaded, which does not affect iterations.
+/// Poses cost most here: with one photo cameras move after every iteration, for which the host waits. Distortion is left out: photos are resampled when they are loaded, which does not affect iterations.
 pub fn effects(criterion: &mut Criterion) {
     let mut group = group(criterion, "effects");
     let mut off = trainer(options(0), AlphaRole::Opaque);

@@ -168,7 +168,7 @@ fn training(error: &train::Error) -> Option<String> {
         train::Error::Device(e) => device(e),
         train::Error::NoViews => plain("hold fewer out with a larger --eval-every, or add photos"),
         train::Error::Photos(_) => plain("free some space, or give a smaller --resolution"),
-        train::Error::Exposures { .. } => plain("restore its photos, or start without --resume"),
+        train::Error::OtherPhotos { .. } => plain("restore its photos, or start without --resume"),
         train::Error::Method { .. } => plain("start without --resume"),
         train::Error::Points { .. } => plain("check the poses and the scene's scale, or give --init MODEL"),
     }

@@ -10,6 +10,8 @@ pub enum Effect {
     ViewDependence,
     /// Each photo has an exposure of its own: a 3 x 4 affine of the colours.
     Exposure,
+    /// The photos' cameras are corrected while the model is trained.
+    Poses,
     /// Gaussians smaller than a pixel keep their energy.
     Antialias,
     /// Photos are undistorted.
@@ -39,9 +41,10 @@ pub enum Trigger {
 
 impl Effect {
     /// All effects, in the order in which they are reported.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::ViewDependence,
         Self::Exposure,
+        Self::Poses,
         Self::Antialias,
         Self::Distortion,
         Self::Transparency,
@@ -60,6 +63,7 @@ impl Effect {
         match self {
             Self::ViewDependence => "view_dependence",
             Self::Exposure => "exposure",
+            Self::Poses => "poses",
             Self::Antialias => "antialias",
             Self::Distortion => "distortion",
             Self::Transparency => "transparency",
@@ -72,7 +76,7 @@ impl Effect {
     /// Condition that switches the effect on unless the user decides.
     pub const fn trigger(self) -> Trigger {
         match self {
-            Self::ViewDependence | Self::Exposure | Self::Antialias => Trigger::Measure,
+            Self::ViewDependence | Self::Exposure | Self::Poses | Self::Antialias => Trigger::Measure,
             Self::Distortion | Self::Transparency | Self::Masks => Trigger::Photos,
             Self::DepthOrder => Trigger::Request,
             Self::Cameras => Trigger::Always,
@@ -83,6 +87,7 @@ impl Effect {
     pub const fn scope(self) -> Option<&'static str> {
         match self {
             Self::Exposure => Some("exposure"),
+            Self::Poses => Some("poses"),
             Self::Masks => Some("masks"),
             // The 2D filter is two operations of the projection; the scope is that of 3D smoothing.
             Self::Antialias => Some("antialias"),

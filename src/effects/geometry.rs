@@ -12,12 +12,28 @@ use std::collections::BTreeSet;
 
 /// Ratio of a point's pixel footprints above which a scene calls for anti-aliasing.
 pub const FOOTPRINTS: f64 = 1.5;
+/// Median error of points, in pixels of the pictures trained on, above which cameras are corrected.
+pub const MISPLACED: f64 = 1.0;
 /// Number of points whose footprints are compared.
 const POINTS: usize = 4000;
 /// Number of views that must see a point.
 const SEEN_BY: usize = 3;
 /// Share of pixels below which transparency or masks may be flaws of the photos.
 const FEW: f64 = 1e-3;
+
+/// Poses: how far the points are from where the photos show them, in pixels of the pictures trained on. Structure from
+/// motion writes this error with each point.
+pub fn poses(set: &TrainingSet<'_>) -> Decision {
+    let mut errors: Vec<f64> = set.scene.points.iter().map(|p| f64::from(p.error)).filter(|e| *e > 0.0).collect();
+    if errors.is_empty() {
+        let why = "no point tells how well the photos' poses fit".to_owned();
+        return Decision::plain(Effect::Poses, false, why);
+    }
+    let (points, pixels) = (errors.len(), quantile(&mut errors, 0.5) * set.scale);
+    let evidence =
+        format!("{} miss their places in the photos by {pixels:.2} pixels (median)", counted(points, "point"));
+    Decision::by(Effect::Poses, pixels, MISPLACED, evidence)
+}
 
 /// Anti-aliasing: compares the sizes of the same point in the photos.
 pub fn antialias(set: &TrainingSet<'_>) -> Decision {

@@ -18,6 +18,8 @@ pub struct TrainingSet<'a> {
     pub train: &'a [usize],
     /// Their photos, in the same order.
     pub photos: &'a [Thumbnail],
+    /// Size of the pictures trained on as a share of the photos' on disk.
+    pub scale: f64,
 }
 
 impl<'a> TrainingSet<'a> {

@@ -59,6 +59,7 @@ impl<'a> ActiveRun<'a> {
             tail: 0,
             cameras: setup.cameras,
             exposure: config.exposure.then(|| setup.exposures.clone()),
+            poses: config.poses,
             weights: Weights::default(),
             averaged: averaged(config),
             method: method.clone(),
@@ -189,9 +190,9 @@ impl<'a> ActiveRun<'a> {
 
     /// Mean PSNR of as many training views as are held out, evenly spread, with the current model, in dB.
     fn train_psnr(&mut self) -> Result<Option<f64>, Error> {
-        let prepared = &self.setup.prepared;
-        let every = prepared.train.len().div_ceil(prepared.test.len().max(1)).max(1);
-        let psnr = self.shown(|evaluator, model| evaluator.psnr(model, prepared.train.iter().step_by(every)))?;
+        let photos = self.trainer.photos().to_vec();
+        let every = photos.len().div_ceil(self.setup.prepared.test.len().max(1)).max(1);
+        let psnr = self.shown(|evaluator, model| evaluator.psnr(model, photos.iter().step_by(every)))?;
         Ok(mean(&psnr).filter(|psnr| psnr.is_finite()))
     }
 
@@ -325,9 +326,11 @@ impl<'a> ActiveRun<'a> {
         };
         let cleaned = floaters.as_ref().map(|(_, cleaned)| cleaned);
         let renders = output.renders();
+        let photos = self.trainer.photos().to_vec();
         let assessment = self.shown(|evaluator, model| {
             let model = cleaned.unwrap_or(model);
             let mut assessment = evaluator.assess(model, prepared, Some(&renders), networks, &mut follow)?;
+            assessment.train_psnr = evaluator.psnr(model, photos.iter())?;
             assessment.frames_per_second = evaluator.frames_per_second(model, prepared)?;
             Ok(assessment)
         })?;
@@ -372,7 +375,10 @@ impl<'a> ActiveRun<'a> {
             prunes: notes.prunes,
             cut: trainer.cut(),
             curve: notes.curve,
-            effects: effects::timed(setup.decisions.clone(), trainer.timings()),
+            effects: effects::timed(
+                effects::moved(setup.decisions.clone(), trainer.moved_cameras()),
+                trainer.timings(),
+            ),
             memory: setup.session.memory(setup.estimated_bytes),
             ..evaluated
         }

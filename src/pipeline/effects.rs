@@ -21,7 +21,11 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
     let train = prepared.scene.split(config.eval_every).train;
     let photos: Vec<Thumbnail> =
         prepared.train.par_iter().map(Thumbnail::of).collect::<io::Result<_>>().map_err(train::Error::Photos)?;
-    let set = TrainingSet { scene: &prepared.scene, train: &train, photos: &photos };
+    let sizes = prepared.train.first().zip(train.first());
+    let scale = sizes.map_or(1.0, |(photo, view)| {
+        f64::from(photo.camera.width) / f64::from(prepared.scene.views[*view].camera.width.max(1))
+    });
+    let set = TrainingSet { scene: &prepared.scene, train: &train, photos: &photos, scale };
     let (decisions, gains) = effects::decide(&set, &config.effects, config.sh_degree);
     Ok((decisions, gains.believed()))
 }
@@ -45,7 +49,7 @@ pub fn of_scene(scene: &Scene) -> Result<Vec<Decision>, Error> {
             photos.push(Thumbnail::of(&photo).map_err(train::Error::Photos)?);
         }
     }
-    let set = TrainingSet { scene: &scene, train: &train, photos: &photos };
+    let set = TrainingSet { scene: &scene, train: &train, photos: &photos, scale: 1.0 };
     Ok(effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0)
 }
 
@@ -75,6 +79,7 @@ impl RunConfig {
             sh_degree: degree.unwrap_or(self.sh_degree).min(self.sh_degree),
             style: Style { dilation: self.style.dilation, ..style(|effect| effects::is_on(decisions, effect)) },
             exposure: effects::is_on(decisions, Effect::Exposure),
+            poses: effects::is_on(decisions, Effect::Poses),
             ..self.clone()
         }
     }
@@ -97,6 +102,18 @@ pub fn summary(decisions: &[Decision]) -> String {
         String::new()
     };
     format!("effects: {}{near}", list(&|d| d.on))
+}
+
+/// The decisions with how far the run moved the cameras, in pixels, if it did.
+#[must_use]
+pub fn moved(mut decisions: Vec<Decision>, pixels: Option<Vec<f64>>) -> Vec<Decision> {
+    let poses = decisions.iter_mut().find(|d| d.name == Effect::Poses);
+    if let (Some(poses), Some(mut pixels)) = (poses, pixels.filter(|pixels| !pixels.is_empty())) {
+        pixels.sort_by(f64::total_cmp);
+        let (middle, most) = (pixels[pixels.len() / 2], pixels[pixels.len() - 1]);
+        poses.evidence += &format!("; cameras were moved by {middle:.2} pixels (median; {most:.2} at most)");
+    }
+    decisions
 }
 
 /// The decisions with the time of each effect in training.

@@ -111,7 +111,8 @@ fn assess(
         watcher.evaluating(done, prepared.test.len());
         watcher.unless_stopped()
     };
-    let assessment = evaluator.assess(model, prepared, renders, networks, &mut follow)?;
+    let mut assessment = evaluator.assess(model, prepared, renders, networks, &mut follow)?;
+    assessment.train_psnr = evaluator.psnr(model, prepared.train.iter())?;
     Ok((assessment, evaluator))
 }
 

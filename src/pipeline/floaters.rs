@@ -118,6 +118,7 @@ fn of_photos(
         tail: 0,
         cameras: None,
         exposure: None,
+        poses: false,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
         method: None,

@@ -16,6 +16,7 @@ pub mod mcmc;
 pub mod overlap;
 pub mod params;
 pub mod participation;
+pub mod poses;
 pub mod project;
 pub mod project_backward;
 pub mod rasterise;

@@ -37,6 +37,16 @@ impl Camera {
         -(self.rotation.transpose() * self.translation)
     }
 
+    /// The camera that sees the world moved: turned about the camera's centre by `turn`, an axis times an angle in
+    /// radians, then shifted by `shift`; both in world axes and units.
+    #[must_use]
+    pub fn moved(&self, turn: DVec3, shift: DVec3) -> Self {
+        let axis = turn.try_normalize().unwrap_or(DVec3::X);
+        let rotation = self.rotation * DMat3::from_axis_angle(axis, turn.length());
+        let translation = self.rotation * shift - rotation * self.centre();
+        Self { rotation, translation, ..self.clone() }
+    }
+
     /// Number of the image's pixels.
     pub fn pixels(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)

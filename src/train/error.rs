@@ -16,9 +16,11 @@ pub enum Error {
     #[error("the decoded photos' temporary file fails: {0}")]
     Photos(#[from] io::Error),
     /// A checkpoint of a run on other photos.
-    #[error("the checkpoint holds exposures of {stored} photos, the scene has {photos} to train on")]
-    Exposures {
-        /// Photos whose exposures are stored.
+    #[error("the checkpoint holds {what} of {stored} photos, the scene has {photos} to train on")]
+    OtherPhotos {
+        /// What a photo has one of.
+        what: &'static str,
+        /// Photos that have one in the checkpoint.
         stored: usize,
         /// Photos to train on.
         photos: usize,

@@ -8,6 +8,7 @@ use super::host_check::HostCheck;
 use super::loss::Loss;
 use super::mask::Mask;
 use super::method::Method;
+use super::poses::Poses;
 use super::smoothing::Smoothing;
 use super::trainer::Trainer;
 use super::training_model::{Array, TrainingModel};
@@ -34,6 +35,8 @@ pub struct TrainerNeeds {
     pub degree: usize,
     /// True if each photo has an exposure of its own.
     pub exposure: bool,
+    /// True if the photos' cameras are corrected.
+    pub poses: bool,
     /// True if photos have masks.
     pub masked: bool,
     /// The run's method, if any: its arrays take memory, and it may change the number of Gaussians.
@@ -64,7 +67,8 @@ impl Trainer {
             DevicePhotos::bytes(&needs.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);
         let pixels = size[0] as usize * size[1] as usize;
         let exposures = if needs.exposure { Exposure::bytes(needs.photos.len(), pixels) } else { 0 };
-        let pictures = pictures + exposures + if needs.masked { Mask::bytes(pixels) } else { 0 };
+        let poses = if needs.poses { Poses::bytes(needs.photos.len()) } else { 0 };
+        let pictures = pictures + exposures + poses + if needs.masked { Mask::bytes(pixels) } else { 0 };
         let pictures = pictures + if needs.halves { Halve::bytes(size) } else { 0 };
         let pictures = pictures + if needs.style.antialias { Smoothing::bytes(needs.photos.len()) } else { 0 };
         let growth = if grows || method.is_some() { density::bytes(device, n, n, degree) } else { 0 };

@@ -19,6 +19,7 @@ pub mod method;
 mod moments;
 mod objective;
 mod options;
+pub mod poses;
 pub mod rates;
 mod respond;
 pub mod schedule;

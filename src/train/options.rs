@@ -49,6 +49,8 @@ pub struct Options {
     pub cameras: Option<[f32; 3]>,
     /// The photos' exposures, if each has one of its own.
     pub exposure: Option<Exposures>,
+    /// True if the photos' cameras are corrected.
+    pub poses: bool,
     /// Weights of the loss.
     pub weights: Weights,
     /// Iterations, after the last density step, whose responses are averaged for [`super::Trainer::averages`]; may be empty.
@@ -71,6 +73,7 @@ impl Default for Options {
             tail: 0,
             cameras: None,
             exposure: None,
+            poses: false,
             weights: Weights::default(),
             averaged: 0..0,
             method: None,

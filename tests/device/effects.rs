@@ -2,3 +2,4 @@
 
 mod depth_order;
 pub mod exposure;
+pub mod poses;

@@ -8,7 +8,7 @@ use qirf_vk::{
     reference::{
         Params, Settings,
         bin::{Tiles, depth_order},
-        gradients, loss,
+        gradients, loss, poses,
         project::{Culled, Geometry, geometry},
         rasterise::{rasterise, sample},
         rasterise_backward::SlotSums,
@@ -205,6 +205,32 @@ fn mean_gradient_without_the_direction() {
         let half = 0.5 * DVec2::new(32.0, 24.0);
         let analytic: f64 = a.mean2d_ndc.iter().map(|g| (DVec2::from(*g) / half).dot(axis)).sum();
         assert!((quotient / analytic - 1.0).abs() < 1e-8, "{axis}: {quotient} against {analytic}");
+    }
+}
+
+/// A camera's motion moves all that it sees: the sums over Gaussians are the difference quotients, of a shift with all
+/// bands, of a turn with constant colours.
+#[test]
+fn gradients_by_the_pose() {
+    let camera = small_camera(32, 24);
+    for (sh_degree, motions) in [(0, 0..6), (3, 3..6)] {
+        let params = random_scene(&camera, 9);
+        let settings = Settings { sh_degree, smooth_cutoff: true, ..Settings::default() };
+        let by_image = vec![[0.5, -1.0, 2.0]; 32 * 24];
+        let by_params = gradients(&params, &camera, &settings, &by_image, None).params;
+        let analytic = poses::gradient(&params, &by_params, camera.centre());
+        for k in motions {
+            let value = |h: f64| {
+                let [turn, shift] =
+                    [0, 3].map(|first| DVec3::from([0, 1, 2].map(|c| if first + c == k { h } else { 0.0 })));
+                let image = render(&params, &camera.moved(turn, shift), &settings).composite.image;
+                image.iter().zip(&by_image).map(|(a, b)| a[0] * b[0] + a[1] * b[1] + a[2] * b[2]).sum::<f64>()
+            };
+            let h = 1e-5;
+            let quotient = (8.0 * (value(h) - value(-h)) - (value(2.0 * h) - value(-2.0 * h))) / (12.0 * h);
+            let scale = analytic.iter().fold(0.0_f64, |most, g| most.max(g.abs()));
+            assert!((quotient - analytic[k]).abs() < 1e-6 * scale, "{sh_degree} {k}: {quotient} {}", analytic[k]);
+        }
     }
 }
 

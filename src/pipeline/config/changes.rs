@@ -62,6 +62,7 @@ impl RunConfig {
             sh_degree: if asked { self.sh_degree } else { earlier.sh_degree },
             style: Style { dilation: self.style.dilation, ..earlier.style },
             exposure: earlier.exposure,
+            poses: earlier.poses,
             ..self.clone()
         };
         ours.changes(earlier)

@@ -36,10 +36,11 @@ impl Preset {
     }
 
     /// The preset's decisions on effects; all others are left to the scene. No anti-aliasing, since viewers draw plain
-    /// models by default. The paper's preset has degree 3 and no exposures.
+    /// models by default; cameras as they are given, since the scores' cameras are as wrong. The paper's preset has degree 3 and no exposures.
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
         out.set(Effect::Antialias, Choice::Off);
+        out.set(Effect::Poses, Choice::Off);
         if self == Self::Paper {
             out.set(Effect::ViewDependence, Choice::On);
             out.set(Effect::Exposure, Choice::Off);
@@ -108,6 +109,9 @@ pub struct RunConfig {
     /// True if each photo has its own exposure: the user's choice, or the decision if that is left to the scene.
     #[serde(default)]
     pub exposure: bool,
+    /// True if the photos' cameras are corrected: the user's choice, or the decision if that is left to the scene.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub poses: bool,
     /// Largest number of Gaussians.
     pub max_gaussians: usize,
     /// Iterations between checkpoints; with 0 only an interruption writes one.
@@ -166,6 +170,7 @@ impl RunConfig {
             background: None,
             style: Style::default(),
             exposure: false,
+            poses: false,
             max_gaussians: 4_000_000,
             checkpoint_every: 5000,
             schedule: preset.schedule(None),

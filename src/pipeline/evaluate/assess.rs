@@ -37,7 +37,7 @@ pub fn mean(values: &[f64]) -> Option<f64> {
 }
 
 impl Evaluator {
-    /// Measures a model on the views of a scene. Writes pictures of held-out views to the folder `renders`, if given;
+    /// Measures a model on the held-out views of a scene. Writes pictures of held-out views to the folder `renders`, if given;
     /// `follow` receives the number of views done, and may end the work.
     ///
     /// # Errors
@@ -53,8 +53,7 @@ impl Evaluator {
         let model = model.into();
         let held_out = self.held_out(model, &prepared.test, renders, networks, follow)?;
         let unfitted_psnr = self.unfitted_psnr(model, prepared.test.iter().map(|(_, view)| view))?;
-        let train_psnr = self.psnr(model, prepared.train.iter())?;
-        Ok(Assessment { held_out, unfitted_psnr, train_psnr, frames_per_second: None })
+        Ok(Assessment { held_out, unfitted_psnr, ..Assessment::default() })
     }
 }
 

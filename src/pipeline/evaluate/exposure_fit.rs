@@ -2,6 +2,8 @@
 //! affine of the rendered colours is fitted by least squares on the left half of the photo, and the right half is
 //! scored.
 
+use crate::solve;
+
 /// Text of `protocol.exposure`.
 pub const PROTOCOL: &str =
     "a 3x4 affine of the colours fitted by least squares on each photo's left half, its right half scored";
@@ -52,25 +54,7 @@ fn fit(rendered: &[f32], photo: &[f32], width: usize, columns: std::ops::Range<u
             }
         }
     }
-    // Gaussian elimination: the matrix is positive definite, so that no pivot vanishes.
-    for i in 0..TERMS {
-        for k in i + 1..TERMS {
-            let share = a[k][i] / a[i][i];
-            for j in i..TERMS {
-                a[k][j] -= share * a[i][j];
-            }
-            for row in &mut b {
-                row[k] -= share * row[i];
-            }
-        }
-    }
-    b.map(|mut row| {
-        for i in (0..TERMS).rev() {
-            let known: f64 = (i + 1..TERMS).map(|j| row[j] * a[i][j]).sum();
-            row[i] = (row[i] - known) / a[i][i];
-        }
-        row
-    })
+    b.map(|row| solve::positive(a, row))
 }
 
 #[cfg(test)]

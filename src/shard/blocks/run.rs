@@ -89,7 +89,10 @@ impl BlockRun {
         let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
         let (decisions, _) = effects::decide(&prepared, &config)?;
         session.watcher.note(&effects::summary(&decisions));
-        let mut config = RunConfig { background: Some(prepared.background), ..config.decided(&decisions) };
+        // Blocks would each move the cameras that they share.
+        let mut config =
+            RunConfig { background: Some(prepared.background), poses: false, ..config.decided(&decisions) };
+        config.effects.set(Effect::Poses, Choice::Off);
         for decision in &decisions {
             if [Effect::ViewDependence, Effect::Exposure, Effect::Antialias, Effect::DepthOrder]
                 .contains(&decision.name)

@@ -7,6 +7,7 @@ use crate::gaussians::{Attributes, Error, Gaussians};
 use crate::response::CHANNELS;
 use crate::train::exposure;
 use crate::train::mean::Mean;
+use crate::train::poses;
 use crate::train::state::TrainState;
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
@@ -75,6 +76,9 @@ impl Snapshot {
         if !self.exposures.0.is_empty() {
             add("exposures".to_owned(), &self.exposures.0);
             add("exposures.moments".to_owned(), &self.exposures.1);
+        }
+        if !self.poses.is_empty() {
+            add("poses".to_owned(), &self.poses);
         }
         if let Some(Mean { model, .. }) = &self.mean {
             for (name, values) in Attributes::NAMES.zip(model.attributes()).up_to(model.degree()) {
@@ -150,6 +154,10 @@ impl Snapshot {
         if exposures.0.len() % exposure::SIZE != 0 || exposures.1.len() != 2 * exposures.0.len() {
             return Err(stored.bad("exposures", "their lengths do not agree"));
         }
+        let poses = if stored.has("poses") { stored.floats("poses")? } else { Vec::new() };
+        if poses.len() % poses::STORED != 0 {
+            return Err(stored.bad("poses", &format!("a photo has {} numbers", poses::STORED)));
+        }
         let arrays = stored.arrays(trained)?;
         let state = match stored.notes.get(COURSE) {
             Some(text) => serde_json::from_str(text).map_err(|e| stored.bad(COURSE, &e.to_string()))?,
@@ -165,6 +173,7 @@ impl Snapshot {
             tail,
             responses,
             exposures,
+            poses,
             arrays,
             mean,
             state,

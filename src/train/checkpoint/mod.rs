@@ -4,6 +4,7 @@ use super::error::Result;
 use super::exposure::{self, Exposure};
 use super::mean::Mean;
 use super::options::{Exposures, Options};
+use super::poses;
 use super::state::TrainState;
 use super::trainer::Trainer;
 use super::training_model::{Array, Tail, TrainingModel};
@@ -37,6 +38,8 @@ pub struct Snapshot {
     pub responses: (Vec<f32>, Vec<u32>),
     /// Exposures, twelve numbers per photo, and their moments, first and second interleaved; empty if there are none.
     pub exposures: (Vec<f32>, Vec<f32>),
+    /// Corrections of the cameras, [`poses::STORED`] numbers per photo; empty if there are none.
+    pub poses: Vec<f32>,
     /// A method's arrays by name; see [`super::ArrayKind`].
     pub arrays: BTreeMap<String, Vec<f32>>,
     /// The mean of iterates, while one is taken.
@@ -69,6 +72,10 @@ impl Trainer {
             exposures: match &self.objective.exposure {
                 Some(e) => (e.affine.read(&self.device)?, read(&e.moments)?),
                 None => Default::default(),
+            },
+            poses: match &self.poses {
+                Some(poses) => poses.stored(&self.device)?,
+                None => Vec::new(),
             },
             arrays: {
                 let read = |array: &Array| Ok((array.kind.name.to_owned(), array.values.read(&self.device)?));
@@ -122,10 +129,17 @@ impl Trainer {
         if let (Some(e), Some(Exposures::Learnt(gains))) = (&trainer.objective.exposure, &trainer.options.exposure) {
             let [stored, photos] = [affine.len(), e.affine.len()].map(|numbers| numbers / exposure::SIZE);
             if stored != photos {
-                return Err(super::Error::Exposures { stored, photos });
+                return Err(super::Error::OtherPhotos { what: "exposures", stored, photos });
             }
             let pixels = e.image.len();
             trainer.objective.exposure = Some(Exposure::with(device, gains, affine, moments, pixels)?);
+        }
+        if let Some(poses) = &mut trainer.poses {
+            let [stored, photos] = [snapshot.poses.len() / poses::STORED, trainer.photos.len()];
+            if stored != photos {
+                return Err(super::Error::OtherPhotos { what: "camera corrections", stored, photos });
+            }
+            poses.restore(device, &mut trainer.photos, &snapshot.poses)?;
         }
         trainer.iteration = snapshot.iteration;
         trainer.skipped_rows = snapshot.skipped_rows;

@@ -25,6 +25,7 @@ use crate::train::loss::Loss;
 use crate::train::method::Iteration;
 use crate::train::objective::{Current, Objective};
 use crate::train::options::{Exposures, Options};
+use crate::train::poses::{self, Poses};
 use crate::train::rates::Rates;
 use crate::train::smoothing::Smoothing;
 use crate::train::state::TrainState;
@@ -71,6 +72,8 @@ pub struct Trainer {
     half: Option<Halve>,
     /// Keeps Gaussians from becoming too thin; only with anti-aliasing.
     smoothing: Option<Smoothing>,
+    /// Corrections of the photos' cameras, if they are learnt.
+    pub(in crate::train) poses: Option<Poses>,
     order: (u32, Vec<usize>),
     host_check: HostCheck,
     timings: Timings,
@@ -86,7 +89,11 @@ impl Trainer {
     /// If the tail of the options is longer than the model.
     pub fn new(device: &Device, model: &Gaussians, photos: Vec<Photo>, extent: f64, options: Options) -> Result<Self> {
         let training = TrainingModel::with_tail(device, model, options.tail)?;
-        Self::assemble(device, training, photos, extent, options)
+        let mut trainer = Self::assemble(device, training, photos, extent, options)?;
+        if let Some(poses) = &mut trainer.poses {
+            poses.look(model, extent);
+        }
+        Ok(trainer)
     }
 
     /// A run on this model, before any iteration.
@@ -117,9 +124,11 @@ impl Trainer {
         let half = options.schedule.halves(1).then(|| Halve::new(device, size)).transpose()?;
         let antialias = options.settings.style.antialias;
         let smoothing = antialias.then(|| Smoothing::new(device, &photos, &options.settings)).transpose()?;
+        let poses = options.poses.then(|| Poses::new(device, &photos)).transpose()?;
         Ok(Self {
             half,
             smoothing,
+            poses,
             cameras: options
                 .cameras
                 .unwrap_or_else(|| camera::mean_centre(photos.iter().map(|p| &p.camera)).as_vec3().to_array()),
@@ -270,6 +279,16 @@ impl Trainer {
         self.state.step(&self.options.schedule, self.iteration, self.extent).rates
     }
 
+    /// The photos trained on, with their cameras as corrected so far.
+    pub fn photos(&self) -> &[Photo] {
+        &self.photos
+    }
+
+    /// How far each photo's camera was moved, in pixels; none if cameras are not corrected.
+    pub fn moved_cameras(&self) -> Option<Vec<f64>> {
+        self.poses.as_ref().map(Poses::moved)
+    }
+
     /// The settings that pictures of the model are drawn with.
     pub fn settings(&self) -> &Settings {
         &self.options.settings
@@ -289,11 +308,23 @@ impl Trainer {
         let grows = |i: u32| self.densifies(i) || self.resets_opacity(i) || self.wants_degree(i + 1);
         let method = |i: u32| self.method().is_some_and(|m| m.acts(schedule, i));
         let fades = |i: u32| method(i) || self.attrition().is_some_and(|a| a.acts(i));
-        let acts = |i: u32| grows(i) || fades(i) || schedule.averages_iterates(i) || self.smoothing_after(i).is_some();
+        let acts = |i: u32| {
+            grows(i)
+                || self.moves_cameras(i)
+                || fades(i)
+                || schedule.averages_iterates(i)
+                || self.smoothing_after(i).is_some()
+        };
         let averages = |i: u32| self.options.averaged.start == i + 1 && !self.options.averaged.is_empty();
         (self.iteration + 1..=until.min(self.iteration + LOOK_EVERY))
             .find(|i| acts(*i) || averages(*i))
             .unwrap_or_else(|| until.min(self.iteration + LOOK_EVERY))
+    }
+
+    /// Returns true if a round of photos ends with iteration `iteration`, and their cameras are corrected.
+    fn moves_cameras(&self, iteration: u32) -> bool {
+        let gathered = Poses::gathers(iteration, self.options.schedule.iterations);
+        self.poses.is_some() && gathered && iteration.is_multiple_of(self.photos.len() as u32)
     }
 
     fn wants_degree(&self, iteration: u32) -> bool {
@@ -391,6 +422,9 @@ impl Trainer {
             ..Backward::default()
         };
         renderer.record_backward(recording, model, camera, gradient, backward);
+        if let Some(poses) = self.poses.as_ref().filter(|_| Poses::gathers(iteration, length)) {
+            poses.record(recording, renderer, &self.training, (at, camera));
+        }
         if let Some(method) = &options.method {
             method.before_adam(recording, &now);
         }
@@ -407,6 +441,7 @@ impl Trainer {
     /// Runs density control, opacity reset, a method's own work, attrition, the mean of iterates and smoothing, if they
     /// are due after this iteration.
     fn after(&mut self, iteration: u32) -> Result<()> {
+        let moves = self.moves_cameras(iteration);
         if self.densifies(iteration) {
             let (schedule, seed, most) = (self.options.schedule.clone(), self.options.seed, self.options.most);
             let step = Step { iteration, seed, extent: self.extent, cameras: self.cameras, most };
@@ -417,6 +452,11 @@ impl Trainer {
             density::reset_opacity(&mut recording, &self.training, RESET_OPACITY);
             self.device.run(recording)?;
             self.training.mean = None;
+        }
+        if let Some(poses) = self.poses.as_mut().filter(|_| moves) {
+            let length = self.options.schedule.iterations;
+            let at = poses::Progress { iteration, length };
+            poses.step(&self.device, &mut self.photos, at)?;
         }
         self.follow_method(iteration)?;
         self.attrite(iteration)?;

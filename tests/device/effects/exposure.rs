@@ -123,6 +123,7 @@ fn options(config: &RunConfig, exposure: bool) -> Options {
         tail: 0,
         cameras: None,
         exposure: exposure.then(|| Exposures::Learnt(Vec::new())),
+        poses: false,
         weights: Weights::default(),
         averaged: 0..0,
         method: None,

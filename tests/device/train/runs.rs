@@ -71,6 +71,7 @@ pub(crate) fn options() -> Options {
         tail: 0,
         cameras: None,
         exposure: None,
+        poses: false,
         weights: Weights::default(),
         averaged: 0..0,
         method: None,

@@ -10,6 +10,7 @@ use qirf_vk::pipeline::RunConfig;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::mean::Mean;
+use qirf_vk::train::poses::STORED;
 use qirf_vk::train::state::TrainState;
 use std::fs;
 use std::io::Write;
@@ -245,6 +246,7 @@ fn checkpoint() -> Vec<u8> {
         growth: vec![0.25; 10],
         responses: (vec![1.0; 40], vec![3; 5]),
         exposures: (vec![1.0; 24], vec![0.0; 48]),
+        poses: vec![0.01; 2 * STORED],
         arrays: [("scores".to_owned(), vec![1.0; 5]), ("scores.moments".to_owned(), vec![0.0; 10])].into(),
         mean: Some(Mean { model: make::model(5, 1), iterates: 3 }),
         notes: [("config".to_owned(), "seed = 1".to_owned())].into(),
