@@ -52,7 +52,6 @@ pub const UP: DVec3 = DVec3::NEG_Y;
 impl Outline {
     /// The view from which the whole object fills the picture, centred.
     pub fn framing(&self, look: &Look) -> Framing {
-        // Unlike `hypot`, a root is the same in every C library, and the one of glibc 2.34 has both.
         let reach = self.rings.iter().map(|(h, r)| (h * h + r * r).sqrt()).fold(0.0, f64::max);
         let (mut near, mut far) = (0.0, reach * 200.0 + f64::MIN_POSITIVE);
         for _ in 0..60 {

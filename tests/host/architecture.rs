@@ -268,6 +268,13 @@ fn a_stage_has_one_name_everywhere() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// A root of a sum has the same bits with every C library. `hypot` has not, and glibc's newest is of 2.35: packages need 2.34.
+#[test]
+fn lengths_are_roots() {
+    let calls = |path: &String| code(path).contains("hypot(");
+    assert_eq!(files("src", "rs").into_iter().filter(calls).collect::<Vec<_>>(), Vec::<String>::new());
+}
+
 /// Drivers may assume that there is no NaN, which makes both false: `glsl/lib/finite.glsl` compares bits instead.
 #[test]
 fn shaders_ask_for_nan_by_bits() {

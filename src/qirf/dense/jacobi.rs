@@ -23,8 +23,8 @@ pub fn eigen3(matrix: &DMat3) -> (DVec3, DMat3) {
             }
             rotated = true;
             let theta = (a[q][q] - a[p][p]) / (2.0 * off);
-            let tangent = theta.signum() / (theta.abs() + theta.hypot(1.0));
-            let cosine = tangent.hypot(1.0).recip();
+            let tangent = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
+            let cosine = (tangent * tangent + 1.0).sqrt().recip();
             let sine = tangent * cosine;
             a[p][p] -= tangent * off;
             a[q][q] += tangent * off;
