@@ -46,6 +46,9 @@ pub(super) struct CompressArgs {
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", requires = "scene", value_parser = values::resolution_text)]
     resolution: Option<String>,
+    /// Mask what is nearer than DEG degrees to straight down in panoramas: the tripod, or who held the camera
+    #[arg(long, value_name = "DEG", default_value = "0", requires = "scene", help_heading = "Photos", value_parser = values::pole)]
+    pole_mask: f64,
     /// Hold out every N-th photo for the scores; 0 holds out none [default: 8]
     #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene", value_parser = values::whole::<usize>)]
     eval_every: Option<usize>,
@@ -119,6 +122,7 @@ impl CompressArgs {
                 scene: scene.clone(),
                 images: self.images.clone(),
                 resolution: self.resolution.clone(),
+                pole_mask: self.pole_mask,
                 eval_every: self.eval_every.unwrap_or(8),
                 background: self.background,
                 effects: Overrides::default(),

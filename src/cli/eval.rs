@@ -62,6 +62,9 @@ pub(super) struct Arguments {
     /// size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
+    /// Mask what is nearer than DEG degrees to straight down in panoramas [default: that of --config, else 0]
+    #[arg(long, value_name = "DEG", help_heading = "Photos", value_parser = values::pole)]
+    pole_mask: Option<f64>,
     /// Hold out every N-th photo for the scores [default: that of --config, else 8]
     #[arg(long, value_name = "N", help_heading = "Photos", value_parser = values::whole::<usize>)]
     eval_every: Option<usize>,
@@ -159,6 +162,7 @@ impl Arguments {
             scene: self.scene.clone().or(base.as_ref().map(|b| b.scene.clone())).unwrap_or_default(),
             images: self.images.clone().or(of_scene.and_then(|b| b.images.clone())),
             resolution: self.resolution.clone().or(base.as_ref().and_then(|b| b.resolution.clone())),
+            pole_mask: self.pole_mask.or(base.as_ref().map(|b| b.pole_mask)).unwrap_or(0.0),
             eval_every: self.eval_every.or(base.as_ref().map(|b| b.eval_every)).unwrap_or(8),
             background: self.background.or(base.as_ref().and_then(|b| b.background)),
             effects: base.map(|b| b.effects).unwrap_or_default(),

@@ -188,9 +188,6 @@ fn model(error: &gaussians::Error) -> Option<String> {
 fn capture(error: &scene::Error) -> Option<String> {
     match error {
         scene::Error::Io { source, .. } => readable(source),
-        scene::Error::UnknownModel { model, .. } if model.starts_with("EQUIRECTANGULAR") => {
-            plain("cut the panoramas into pinhole views with poses of their own, as COLMAP's panorama_sfm.py does")
-        }
         scene::Error::UnknownModel { .. } => plain(
             "undistort the photos with `colmap image_undistorter` and open its output, or calibrate again with \
              --ImageReader.camera_model OPENCV",

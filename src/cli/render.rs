@@ -261,7 +261,8 @@ impl Arguments {
     }
 
     fn open(&self, path: &Path, console: &Console) -> Result<Scene, Error> {
-        let scene = Scene::open(path, &OpenOptions { images: self.images.clone(), undistort: None })?;
+        let options = OpenOptions { images: self.images.clone(), ..OpenOptions::default() };
+        let scene = Scene::open(path, &options)?;
         for line in scene.skipped.summary() {
             console.warn(format_args!("{}: {line}", path.display()));
         }

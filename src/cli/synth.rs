@@ -11,7 +11,8 @@ use std::time::Instant;
 const EXAMPLES: &str = "Examples:
   qirf-vk synth capture
   qirf-vk synth capture --views 100 --size 640x480 --effects exposure,distortion
-  qirf-vk synth land --kind terrain --views 96 --size 320x240";
+  qirf-vk synth land --kind terrain --views 96 --size 320x240
+  qirf-vk synth walk --kind panorama --views 24";
 
 /// Make a synthetic capture: a COLMAP project with photos, cameras and points.
 #[derive(Debug, clap::Args)]
@@ -20,14 +21,14 @@ pub(super) struct Arguments {
     /// Folder to write: new, empty, or an earlier synthetic capture
     dir: PathBuf,
     /// Kind of scene
-    #[arg(long, value_name = "plaza|terrain", default_value = "plaza", value_parser = values::one_of::<Kind>("a kind of scene"))]
+    #[arg(long, value_name = "plaza|terrain|panorama", default_value = "plaza", value_parser = values::one_of::<Kind>("a kind of scene"))]
     kind: Kind,
     /// Number of photos
     #[arg(long, value_name = "N", default_value_t = 48, value_parser = values::whole::<usize>)]
     views: usize,
-    /// Size of a photo
-    #[arg(long, value_name = "WxH", default_value = "240x180", value_parser = values::size)]
-    size: (u32, u32),
+    /// Size of a photo [default: 240x180; of a panorama 512x256]
+    #[arg(long, value_name = "WxH", value_parser = values::size)]
+    size: Option<(u32, u32)>,
     /// Random seed: the same seed gives the same bytes
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = values::whole::<u64>)]
     seed: u64,
@@ -46,6 +47,8 @@ enum Kind {
     Plaza,
     /// A strip of land, photographed from a drone; the more photos, the longer
     Terrain,
+    /// The plaza in panoramas of all directions, from a walk among its objects
+    Panorama,
 }
 
 impl From<Kind> for synth::Kind {
@@ -53,6 +56,7 @@ impl From<Kind> for synth::Kind {
         match kind {
             Kind::Plaza => Self::Plaza,
             Kind::Terrain => Self::Terrain,
+            Kind::Panorama => Self::Panorama,
         }
     }
 }
@@ -65,11 +69,13 @@ fn long_help() -> String {
 impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let effects = self.effects.iter().filter(|e| !e.trim().is_empty()).map(|e| e.parse());
+        let usual = if matches!(self.kind, Kind::Panorama) { (512, 256) } else { (240, 180) };
+        let (width, height) = self.size.unwrap_or(usual);
         let options = SynthOptions {
             kind: self.kind.into(),
             views: self.views,
-            width: self.size.0,
-            height: self.size.1,
+            width,
+            height,
             seed: self.seed,
             points: self.points,
             effects: effects.collect::<Result<_, synth::Error>>()?,

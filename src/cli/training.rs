@@ -72,6 +72,9 @@ pub(super) struct Training {
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
+    /// Mask what is nearer than DEG degrees to straight down in panoramas: the tripod, or who held the camera
+    #[arg(long, value_name = "DEG", default_value = "0", help_heading = "Photos", value_parser = values::pole)]
+    pole_mask: f64,
     /// Hold out every N-th photo for the scores; 0 holds out none
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = values::whole::<usize>, help_heading = "Photos")]
     eval_every: usize,
@@ -132,6 +135,7 @@ impl Training {
         let config = RunConfig {
             images: self.images.clone(),
             resolution: self.resolution.clone(),
+            pole_mask: self.pole_mask,
             seed: self.seed,
             eval_every: self.eval_every,
             sh_degree: self.sh_degree.map_or(usual.sh_degree, usize::from),

@@ -37,6 +37,12 @@ pub(super) fn dilation(text: &str) -> Result<f32, String> {
     asked.ok_or_else(|| format!("write {} or {}", known[0], known[1]))
 }
 
+/// An angle from a pole, in degrees: 0 to 90.
+pub(super) fn pole(text: &str) -> Result<f64, String> {
+    let asked = text.parse::<f64>().ok().filter(|angle| (0.0..=90.0).contains(angle));
+    asked.ok_or_else(|| "write degrees from 0 to 90, such as 20".to_owned())
+}
+
 /// As [`resolution`], but returns the text as given.
 pub(super) fn resolution_text(text: &str) -> Result<String, String> {
     resolution(text).map(|_| text.to_owned())

@@ -148,7 +148,7 @@ pub fn transparency(set: &TrainingSet<'_>) -> Decision {
 
 /// Masks: measures the share of pixels that they hide.
 pub fn masks(set: &TrainingSet<'_>) -> Decision {
-    let listed = set.views().filter(|v| v.mask.is_some()).count();
+    let listed = set.views().filter(|v| v.is_masked()).count();
     let (photos, share) = hidden(set, AlphaRole::Mask);
     let evidence = match (listed, photos) {
         (0, _) => "no photo has a mask".to_owned(),

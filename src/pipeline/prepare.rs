@@ -128,7 +128,7 @@ pub fn open(selection: &Selection) -> Result<Opened, Error> {
     };
     selection.effects.check().map_err(Error::Usage)?;
     let undistort = selection.effects.forced(Effect::Distortion);
-    let options = OpenOptions { images: selection.images.clone(), undistort };
+    let options = OpenOptions { images: selection.images.clone(), undistort, pole_mask: selection.pole_mask };
     let mut scene = Scene::open(&selection.scene, &options)?;
     scene.require_photos()?;
     Ok(Opened { scene, resize, selection: selection.clone(), required: Vec::new() })

@@ -47,6 +47,13 @@ impl Camera {
         Self { rotation, translation, ..self.clone() }
     }
 
+    /// True if a point lies before the camera and within the image.
+    pub fn shows(&self, point: DVec3) -> bool {
+        let p = self.rotation * point + self.translation;
+        let at = p.truncate() / p.z * self.focal + self.principal;
+        p.z > 0.0 && at.min_element() >= 0.0 && at.x < f64::from(self.width) && at.y < f64::from(self.height)
+    }
+
     /// Number of the image's pixels.
     pub fn pixels(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)

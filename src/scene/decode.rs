@@ -8,6 +8,7 @@ use std::io::Cursor;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use glam::DVec2;
 use image::{DynamicImage, ImageDecoder, ImageReader, RgbaImage};
 use rayon::prelude::*;
 
@@ -16,7 +17,7 @@ use super::error::Error;
 use super::jpeg::lacks_data;
 use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
-use super::resample::{Raster, area_average, undistort};
+use super::resample::{Raster, area_average, cut, undistort};
 use super::view::{Resize, View};
 
 /// Options of loading photos.
@@ -63,8 +64,8 @@ pub const ALPHA_SHARE: f64 = 0.005;
 pub(super) struct LoadedPhotos {
     pub photos: Vec<Result<Photo, Error>>,
     pub notes: Vec<String>,
-    /// Names of views whose mask cannot be used.
-    pub without_mask: Vec<String>,
+    /// Views whose mask cannot be used, ascending.
+    pub without_mask: Vec<usize>,
 }
 
 /// Decodes the photos of many views in parallel, in the order of the views; a damaged photo fails alone.
@@ -92,25 +93,42 @@ pub(super) fn load(
 ) -> Result<LoadedPhotos, Error> {
     let cameras: Vec<Camera> = views.iter().map(|view| view.camera_at(options.resize)).collect();
     let store = Store::new(&cameras, options.memory)?;
-    let has_masks = options.masks && views.iter().any(|view| view.mask.is_some());
+    let has_masks = options.masks && views.iter().any(|view| view.is_masked());
     let announced = options.alpha && views.par_iter().any(|view| view.announces_alpha());
     let masked = has_masks && !announced;
     let done = AtomicUsize::new(0);
-    let load_one = |(at, (view, camera)): (usize, (&&View, Camera))| {
-        let decoded = view.decode(options.resize);
+    // A damaged photo fails alone; a full disk ends everything.
+    let load_one = |at: usize, source: Result<&Source, Error>| {
+        let decoded = source.map(|source| source.view(views[at], options.resize));
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-        // A damaged photo fails alone; a full disk ends everything.
         Ok(match decoded {
             Ok(decoded) => {
                 let (transparent, no_mask) = (decoded.transparent, masked && matches!(decoded.mask, Mask::Damaged));
                 let (alpha_role, pixels) = decoded.settle(options.alpha, masked);
+                let camera = cameras[at].clone();
                 (Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role }), transparent, no_mask)
             }
             Err(damaged) => (Err(damaged), 0.0, false),
         })
     };
-    let loaded: Vec<(Result<Photo, Error>, f64, bool)> =
-        views.par_iter().zip(cameras).enumerate().map(load_one).collect::<Result<_, Error>>()?;
+    // A photo that was cut is decoded once.
+    let groups: Vec<&[&View]> = views.chunk_by(|a, b| a.face.is_some() && a.image == b.image).collect();
+    let firsts = groups.iter().scan(0, |next, group| Some(std::mem::replace(next, *next + group.len())));
+    let firsts: Vec<usize> = firsts.collect();
+    let loaded: Vec<(Result<Photo, Error>, f64, bool)> = groups
+        .par_iter()
+        .zip(firsts)
+        .flat_map_iter(|(group, first)| {
+            let mut source = group[0].decode();
+            let mut each = |at: usize| {
+                // The first view has the reason.
+                let rest = || Error::photo(&group[0].image, "cannot be used");
+                load_one(at, source.as_mut().map_err(|error| std::mem::replace(error, rest())).map(|s| &*s))
+            };
+            let of_group: Vec<_> = (first..first + group.len()).map(&mut each).collect();
+            of_group
+        })
+        .collect::<Result<_, Error>>()?;
     let pixels: f64 =
         loaded.iter().filter_map(|(photo, ..)| photo.as_ref().ok()).map(|p| p.camera.pixels() as f64).sum();
     let share = loaded.iter().map(|(_, transparent, _)| transparent).sum::<f64>() / pixels.max(1.0);
@@ -126,8 +144,7 @@ pub(super) fn load(
         }
         return Ok(again);
     }
-    let without_mask =
-        loaded.iter().zip(views).filter(|((.., no), _)| *no).map(|(_, view)| view.name.clone()).collect();
+    let without_mask = (0..loaded.len()).filter(|at| loaded[*at].2).collect();
     let mut photos: Vec<_> = loaded.into_iter().map(|(photo, ..)| photo).collect();
     let alpha_role = AlphaRole::of(photos.iter().flatten());
     photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
@@ -224,7 +241,7 @@ impl View {
     }
 
     /// Decodes the view's photo and its mask.
-    fn decode(&self, resize: Resize) -> Result<Decoded, Error> {
+    fn decode(&self) -> Result<Source, Error> {
         let decoded = decode(&self.image)?;
         let (width, height) = (decoded.width(), decoded.height());
         if !self.lens.fits(width, height) {
@@ -239,23 +256,12 @@ impl View {
         }
         let transparent = decoded.color().has_alpha();
         let pixels = to_bytes(decoded).into_raw();
-        let source = Raster::<4> { width, height, pixels };
-        let has_alpha = transparent && source.pixels.iter().skip(3).step_by(4).any(|&a| a < 255);
-        let pixels = self.resample(source, resize, has_alpha).pixels;
-        let missing = |pixels: &[u8]| pixels.iter().skip(3).step_by(4).map(|&a| f64::from(255 - a) / 255.0).sum();
-        let transparent = if has_alpha { missing(&pixels) } else { 0.0 };
-        let mask = match self.mask.as_deref().map(|path| self.decode_mask(path, resize)) {
-            None => Mask::None,
-            Some(Ok(mask)) => Mask::Of(mask),
-            Some(Err(error)) => {
-                tracing::warn!("{error}");
-                Mask::Damaged
-            }
-        };
-        Ok(Decoded { pixels, transparent, mask })
+        let alpha = transparent && pixels.iter().skip(3).step_by(4).any(|&a| a < 255);
+        let mask = self.mask.as_deref().map(|path| self.decode_mask(path));
+        Ok(Source { photo: Raster { width, height, pixels }, alpha, mask })
     }
 
-    fn decode_mask(&self, path: &Path, resize: Resize) -> Result<Vec<u8>, Error> {
+    fn decode_mask(&self, path: &Path) -> Result<Raster<1>, Error> {
         let grey = decode(path)?.into_luma8();
         let mask = Raster::<1> { width: grey.width(), height: grey.height(), pixels: grey.into_raw() };
         if !self.lens.fits(mask.width, mask.height) {
@@ -264,18 +270,60 @@ impl View {
                 format!("this mask is {} x {}, its photo {} x {}: another shape", own[0], own[1], photo[0], photo[1]);
             return Err(Error::photo(path, what));
         }
-        Ok(self.resample(mask, resize, false).pixels)
+        Ok(mask)
     }
 
-    fn resample<const C: usize>(&self, source: Raster<C>, resize: Resize, alpha: bool) -> Raster<C> {
+    fn resample<const C: usize>(&self, source: &Raster<C>, resize: Resize, alpha: bool) -> Raster<C> {
         let camera = self.camera_at(resize);
-        if self.undistorts() {
-            undistort(&source, &self.lens.resized(source.width, source.height), &camera, alpha)
+        let lens = || self.lens.resized(source.width, source.height);
+        if let Some(face) = &self.face {
+            cut(source, (&lens(), face), &camera, alpha)
+        } else if self.undistorts() {
+            undistort(source, &lens(), &camera, alpha)
         } else if (source.width, source.height) == (camera.width, camera.height) {
-            source
+            source.clone()
         } else {
-            area_average(&source, camera.width, camera.height, alpha)
+            area_average(source, camera.width, camera.height, alpha)
         }
+    }
+
+    /// The mask of what its face hides, if that is anything, upon another.
+    fn hide(&self, mask: Option<Vec<u8>>, resize: Resize) -> Option<Vec<u8>> {
+        let Some(face) = self.face.as_ref().filter(|face| face.pole > 0.0) else { return mask };
+        let camera = self.camera_at(resize);
+        let mut mask = mask.unwrap_or_else(|| vec![255; camera.pixels() as usize]);
+        for (n, byte) in mask.iter_mut().enumerate() {
+            let (x, y) = (n as u32 % camera.width, n as u32 / camera.width);
+            let ray = (DVec2::new(f64::from(x), f64::from(y)) + 0.5 - camera.principal) / camera.focal;
+            *byte = if face.hides(ray.extend(1.0)) { 0 } else { *byte };
+        }
+        Some(mask)
+    }
+}
+
+/// A decoded photo with its mask, at their own size.
+struct Source {
+    photo: Raster<4>,
+    /// True if a pixel is not opaque.
+    alpha: bool,
+    mask: Option<Result<Raster<1>, Error>>,
+}
+
+impl Source {
+    /// What a view shows of it.
+    fn view(&self, view: &View, resize: Resize) -> Decoded {
+        let pixels = view.resample(&self.photo, resize, self.alpha).pixels;
+        let missing = |pixels: &[u8]| pixels.iter().skip(3).step_by(4).map(|&a| f64::from(255 - a) / 255.0).sum();
+        let transparent = if self.alpha { missing(&pixels) } else { 0.0 };
+        let listed = match &self.mask {
+            None => None,
+            Some(Ok(mask)) => Some(view.resample(mask, resize, false).pixels),
+            Some(Err(error)) => {
+                tracing::warn!("{error}");
+                return Decoded { pixels, transparent, mask: Mask::Damaged };
+            }
+        };
+        Decoded { pixels, transparent, mask: view.hide(listed, resize).map_or(Mask::None, Mask::Of) }
     }
 }
 

@@ -1,4 +1,5 @@
-//! Lenses: real cameras with their distortion, and the ideal pinhole that replaces each.
+//! Lenses: real cameras with their distortion, and the ideal pinhole that replaces each. What sees more than a pinhole can
+//! show is cut into several ([`faces`](super::faces)).
 //!
 //! A ray (x, y, 1) in camera coordinates meets the image plane at the normalised point (x, y). The lens bends it:
 //! fisheye models first replace the radius r = tan(theta) by theta, others by a [`Curve`] of it, then all models apply
@@ -13,6 +14,8 @@
 //! factor for both axes (pixels keep their shape) makes the image fit into that rectangle, centred: every output pixel
 //! has a source. Sampling is bilinear, in the stored 8-bit values, averaged over as many samples per pixel as the
 //! reduction requires.
+
+use std::f64::consts::{PI, TAU};
 
 use glam::{DMat2, DVec2};
 
@@ -47,10 +50,11 @@ pub enum LensModel {
     SimpleFisheye,
     Fisheye,
     Eucm,
+    Equirectangular,
 }
 
 /// Model, COLMAP's number, COLMAP's name, number of parameters.
-const MODELS: [(LensModel, i32, &str, usize); 17] = [
+const MODELS: [(LensModel, i32, &str, usize); 18] = [
     (LensModel::SimplePinhole, 0, "SIMPLE_PINHOLE", 3),
     (LensModel::Pinhole, 1, "PINHOLE", 4),
     (LensModel::SimpleRadial, 2, "SIMPLE_RADIAL", 4),
@@ -68,6 +72,7 @@ const MODELS: [(LensModel, i32, &str, usize); 17] = [
     (LensModel::SimpleFisheye, 14, "SIMPLE_FISHEYE", 3),
     (LensModel::Fisheye, 15, "FISHEYE", 4),
     (LensModel::Eucm, 16, "EUCM", 6),
+    (LensModel::Equirectangular, 17, "EQUIRECTANGULAR", 2),
 ];
 
 impl LensModel {
@@ -188,7 +193,7 @@ pub struct Distortion {
 
 impl Distortion {
     /// The polynomial part, in the plane where the lens bends rays.
-    fn bend(&self, w: DVec2) -> DVec2 {
+    pub(super) fn bend(&self, w: DVec2) -> DVec2 {
         let r2 = w.length_squared();
         let [k1, k2, k3, k4, k5, k6] = self.radial;
         let [d1, d2, d3] = self.denominator;
@@ -238,7 +243,7 @@ impl Distortion {
     }
 
     /// Derivative of [`Self::bend`], by central differences: exact enough to steer Newton steps and to see folds.
-    fn jacobian(&self, w: DVec2) -> DMat2 {
+    pub(super) fn jacobian(&self, w: DVec2) -> DMat2 {
         let h = 1e-6 * (1.0 + w.length());
         let column = |d: DVec2| (self.bend(w + d) - self.bend(w - d)) / (2.0 * h);
         DMat2::from_cols(column(DVec2::new(h, 0.0)), column(DVec2::new(0.0, h)))
@@ -310,6 +315,10 @@ impl Lens {
         if p.len() != model.parameters() {
             return Err(format!("{} takes {} parameters, found {}", model.name(), model.parameters(), p.len()));
         }
+        if model == LensModel::Equirectangular {
+            // Its parameters repeat the size.
+            return Self::panorama(width, height);
+        }
         let mut distortion = Distortion::default();
         let (single, rest) = match model {
             LensModel::SimplePinhole
@@ -363,8 +372,20 @@ impl Lens {
         } else {
             (DVec2::new(p[0], p[1]), DVec2::new(p[2], p[3]))
         };
-        let size = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
-        Self { model, width: size(width), height: size(height), focal, principal, distortion }.checked()
+        let [width, height] = [width, height].map(saturated);
+        Self { model, width, height, focal, principal, distortion }.checked()
+    }
+
+    /// A panorama of all directions: longitude and latitude give a pixel. The middle looks along z.
+    ///
+    /// # Errors
+    /// As [`Lens::from_colmap`].
+    pub fn panorama(width: u64, height: u64) -> Result<Self, String> {
+        let [width, height] = [width, height].map(saturated);
+        let size = DVec2::new(f64::from(width), f64::from(height));
+        let (focal, principal) = (size / DVec2::new(TAU, PI), 0.5 * size);
+        let model = LensModel::Equirectangular;
+        Self { model, width, height, focal, principal, distortion: Distortion::default() }.checked()
     }
 
     /// The lens itself, if a camera could have it.
@@ -513,4 +534,8 @@ impl Lens {
             })
         })
     }
+}
+
+fn saturated(pixels: u64) -> u32 {
+    u32::try_from(pixels).unwrap_or(u32::MAX)
 }

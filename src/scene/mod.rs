@@ -8,6 +8,7 @@ pub mod camera;
 mod decode;
 mod error;
 mod exif;
+pub mod faces;
 mod image_size;
 mod jpeg;
 pub mod lens;
@@ -23,6 +24,7 @@ mod skipped;
 mod view;
 pub mod walk;
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 use glam::DVec3;
@@ -76,6 +78,8 @@ pub struct OpenOptions {
     /// True to undistort all photos, false to undistort none; if not given, those whose lens moves some pixel by more
     /// than [`lens::VISIBLE_DISPLACEMENT`].
     pub undistort: Option<bool>,
+    /// What is nearer than this to straight down in a panorama is masked, in degrees.
+    pub pole_mask: f64,
 }
 
 /// A capture: views sorted by name, and the points reconstructed from them.
@@ -122,10 +126,10 @@ impl Scene {
         let mut keep = Vec::with_capacity(listed);
         for view in &self.views {
             let reason = if !view.image.is_file() {
-                self.skipped.missing_images.add(&view.name);
+                self.skipped.missing_images.add_photo(view);
                 Some(format!("{} does not exist", view.image.display()))
             } else if let Some((width, height)) = view.mismatched() {
-                self.skipped.mismatched_images.add(&view.name);
+                self.skipped.mismatched_images.add_photo(view);
                 Some(format!("{} is {width} x {height}, not its camera's shape", view.image.display()))
             } else {
                 None
@@ -156,8 +160,8 @@ impl Scene {
     ) -> Result<Vec<Photo>, Error> {
         let views: Vec<&View> = self.views.iter().collect();
         let LoadedPhotos { photos, notes, without_mask } = decode::load(&views, options, progress)?;
-        for name in &without_mask {
-            self.skipped.damaged_masks.add(name);
+        for at in without_mask {
+            self.skipped.damaged_masks.add_photo(&self.views[at]);
         }
         self.skipped.notes.extend(notes);
         let listed = self.views.len();
@@ -169,7 +173,7 @@ impl Scene {
             match photo {
                 Ok(photo) => loaded.push(photo),
                 Err(error) => {
-                    self.skipped.damaged_images.add(&view.name);
+                    self.skipped.damaged_images.add_photo(view);
                     first.get_or_insert(error.to_string());
                 }
             }
@@ -184,7 +188,7 @@ impl Scene {
 
     /// True if any view has a mask.
     pub fn has_masks(&self) -> bool {
-        self.views.iter().any(|view| view.mask.is_some())
+        self.views.iter().any(View::is_masked)
     }
 
     /// Keeps the views whose flag is set (views beyond the flags are dropped) and renumbers the points' tracks.
@@ -205,7 +209,8 @@ impl Scene {
     }
 
     /// The train/test split of the present views: the data set's own if it marks views to hold out; otherwise every
-    /// `eval_every`-th view, beginning with the first, is held out (none if that is 0; a single view only if it is 1).
+    /// `eval_every`-th photo, beginning with the first, is held out (none if that is 0; a single one only if it is 1), with all
+    /// views that it was cut into.
     ///
     /// [`Scene::require_photos`] and [`Scene::load_photos`] renumber views: take the split after them.
     pub fn split(&self, eval_every: usize) -> Split {
@@ -219,10 +224,18 @@ impl Scene {
                 test: if test.is_empty() { of(&[Role::Validation]) } else { test },
             };
         }
-        if self.views.len() == 1 && eval_every > 1 {
-            return Split { train: vec![0], test: Vec::new() };
-        }
-        let (test, train) = (0..self.views.len()).partition(|i| eval_every > 0 && i % eval_every == 0);
+        let mut numbers: HashMap<&str, usize> = HashMap::new();
+        let photos: Vec<usize> = self
+            .views
+            .iter()
+            .map(|view| {
+                let next = numbers.len();
+                *numbers.entry(view.photo_name()).or_insert(next)
+            })
+            .collect();
+        let held_out =
+            |i: &usize| eval_every > 0 && photos[*i] % eval_every == 0 && (numbers.len() > 1 || eval_every == 1);
+        let (test, train) = (0..self.views.len()).partition(held_out);
         Split { train, test }
     }
 

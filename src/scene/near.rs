@@ -39,8 +39,8 @@ impl Scene {
     }
 }
 
-/// The median depth of the points in the views that see them; without points, the median distance of the cameras from
-/// their mean.
+/// The median depth of the points in the views that see them, or that which a tenth of them are nearer than where panoramas see
+/// near and far things at once; without points, the median distance of the cameras from their mean.
 pub(super) fn size(views: &[View], points: &[Point]) -> f64 {
     let few = views.iter().step_by(views.len().div_ceil(LOOKS).max(1));
     let depth = |view: &View, point: &Point| (view.camera.rotation * point.position + view.camera.translation).z;
@@ -54,6 +54,7 @@ pub(super) fn size(views: &[View], points: &[Point]) -> f64 {
         let mean = super::camera::mean_centre(views.iter().map(|view| &view.camera));
         lengths = views.iter().map(|view| view.camera.centre().distance(mean)).collect();
     }
-    let middle = lengths.len() / 2;
-    if lengths.is_empty() { 0.0 } else { *lengths.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    let around = views.iter().any(|view| view.face.is_some());
+    let rank = lengths.len() / if around { 10 } else { 2 };
+    if lengths.is_empty() { 0.0 } else { *lengths.select_nth_unstable_by(rank, f64::total_cmp).1 }
 }

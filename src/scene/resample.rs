@@ -8,6 +8,7 @@ use glam::{DVec2, Vec2};
 use rayon::prelude::*;
 
 use super::camera::Camera;
+use super::faces::Face;
 use super::lens::Lens;
 
 /// An image of `C` interleaved 8-bit channels, rows from the top.
@@ -105,7 +106,7 @@ pub(crate) fn undistort<const C: usize>(source: &Raster<C>, lens: &Lens, camera:
                 let v = (j as f32 + 0.5) / n as f32;
                 let (start, end) = (upper.lerp(under, v), upper_next.lerp(under_next, v));
                 for i in 0..n {
-                    let value = bilinear(source, start.lerp(end, (i as f32 + 0.5) / n as f32), alpha);
+                    let value = bilinear(source, start.lerp(end, (i as f32 + 0.5) / n as f32), alpha, false);
                     (0..C).for_each(|c| sum[c] += value[c]);
                 }
             }
@@ -116,16 +117,50 @@ pub(crate) fn undistort<const C: usize>(source: &Raster<C>, lens: &Lens, camera:
     Raster { width: camera.width, height: camera.height, pixels }
 }
 
-/// The image's value at a position in pixels (centres at + 0.5), edges repeated.
-fn bilinear<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool) -> [f32; C] {
-    let last = Vec2::new((source.width - 1) as f32, (source.height - 1) as f32);
-    let at = (at - 0.5).clamp(Vec2::ZERO, last);
-    let (x, y) = (at.x as usize, at.y as usize);
+/// What `camera`, of a face, sees of a panorama: each output pixel averages n x n bilinear samples, n about the number of
+/// source pixels along its side in the middle. `lens` must have the panorama's size.
+pub(crate) fn cut<const C: usize>(
+    source: &Raster<C>,
+    (lens, face): (&Lens, &Face),
+    camera: &Camera,
+    alpha: bool,
+) -> Raster<C> {
+    let width = camera.width as usize;
+    let n = ((lens.focal / camera.focal).max_element() - 0.25).ceil().clamp(1.0, 64.0) as usize;
+    let back = face.turn.transpose();
+    let sample = |place: DVec2| {
+        let ray = ((place - camera.principal) / camera.focal).extend(1.0);
+        bilinear(source, lens.pixel_of(back * ray).as_vec2(), alpha, true)
+    };
+    let mut pixels = vec![0; width * camera.height as usize * C];
+    pixels.par_chunks_mut(width * C).enumerate().for_each(|(y, out)| {
+        for (x, pixel) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
+            let mut sum = [0.0_f32; C];
+            for k in 0..n * n {
+                let within = DVec2::new((k % n) as f64 + 0.5, (k / n) as f64 + 0.5) / n as f64;
+                let value = sample(DVec2::new(x as f64, y as f64) + within);
+                (0..C).for_each(|c| sum[c] += value[c]);
+            }
+            *pixel = lower(sum.map(|s| s / (n * n) as f32), alpha);
+        }
+    });
+    Raster { width: camera.width, height: camera.height, pixels }
+}
+
+/// The image's value at a position in pixels (centres at + 0.5), edges repeated; if it is `closed`, its first
+/// column follows its last one.
+fn bilinear<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool, closed: bool) -> [f32; C] {
+    let (width, height) = (source.width as usize, source.height as usize);
+    let last = Vec2::new((width - 1) as f32, (height - 1) as f32);
+    let turned = if closed { Vec2::new((at.x - 0.5).rem_euclid(width as f32) + 0.5, at.y) } else { at };
+    let most = if closed { last + Vec2::X } else { last };
+    let at = (turned - 0.5).clamp(Vec2::ZERO, most);
+    let (x, y) = ((at.x as usize).min(width - 1), at.y as usize);
     let share = at - Vec2::new(x as f32, y as f32);
-    let right = (x + 1).min(source.width as usize - 1);
-    let below = (y + 1).min(source.height as usize - 1);
+    let right = if closed { (x + 1) % width } else { (x + 1).min(width - 1) };
+    let below = (y + 1).min(height - 1);
     let pixels = source.pixels.as_chunks::<C>().0;
-    let get = |x: usize, y: usize| lift(&pixels[y * source.width as usize + x], alpha);
+    let get = |x: usize, y: usize| lift(&pixels[y * width + x], alpha);
     let (a, b, c, d) = (get(x, y), get(right, y), get(x, below), get(right, below));
     std::array::from_fn(|i| {
         let upper = a[i] + share.x * (b[i] - a[i]);

@@ -1,5 +1,6 @@
 //! Unusable parts of a scene, counted, with a few of their names.
 
+use super::View;
 use crate::wording::counted;
 use std::fmt;
 
@@ -15,6 +16,9 @@ pub struct Names {
     pub count: usize,
     /// The first five.
     pub examples: Vec<String>,
+    /// The last one.
+    #[serde(skip)]
+    last: Option<String>,
 }
 
 impl Names {
@@ -23,6 +27,15 @@ impl Names {
         self.count += 1;
         if self.examples.len() < EXAMPLES {
             self.examples.push(name.to_owned());
+        }
+    }
+
+    /// Counts a view's photo, once for all views in a row that it is cut into.
+    pub(crate) fn add_photo(&mut self, view: &View) {
+        let name = view.photo_name();
+        if view.face.is_none() || self.last.as_deref() != Some(name) {
+            self.last = Some(name.to_owned());
+            self.add(name);
         }
     }
 }

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 use super::Error;
 use super::camera::Camera;
+use super::faces::{self, Cut, Face};
 use super::lens::{Lens, Pinhole};
 
 /// Error message for a lens without an ideal pinhole.
@@ -56,7 +57,8 @@ impl Resize {
 /// One view: a camera with its photo, which may be absent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// The photo's name as the data set writes it, with extension if any, `/` between folders.
+    /// The photo's name as the data set writes it, with extension if any, `/` between folders; a face's has the face before the
+    /// extension.
     pub name: String,
     /// The photo's file, which may be absent.
     pub image: PathBuf,
@@ -70,6 +72,8 @@ pub struct View {
     pub camera_id: u32,
     /// The role that the data set gives to the view.
     pub role: Role,
+    /// The part of its photo, if that is cut into several views.
+    pub face: Option<Face>,
     /// The photo's real size, if a photo with a legible header was found.
     pub photo_size: Option<(u32, u32)>,
     undistorts: bool,
@@ -95,6 +99,7 @@ impl View {
             camera,
             camera_id: 0,
             role: Role::Unsaid,
+            face: None,
             photo_size: None,
             undistorts: false,
         };
@@ -102,16 +107,45 @@ impl View {
         view
     }
 
-    /// True if the photo is resampled to an ideal pinhole rather than used as it is.
+    /// The view of a face of this one's photo, without what is nearer than `pole` (radians) to straight down in the photo.
+    pub(super) fn cut(&self, cut: &Cut, pole: f64) -> Self {
+        let (side, middle) = (cut.side, DVec2::splat(0.5 * f64::from(cut.side)));
+        let camera = Camera {
+            rotation: cut.turn * self.camera.rotation,
+            translation: cut.turn * self.camera.translation,
+            focal: DVec2::splat(cut.focal),
+            principal: middle,
+            width: side,
+            height: side,
+            whole: None,
+        };
+        let face = Face { photo: self.name.clone(), turn: cut.turn, pole };
+        Self { name: faces::name(&self.name, cut.name), camera, face: Some(face), ..self.clone() }
+    }
+
+    /// The name of its photo, which it may share with others.
+    pub fn photo_name(&self) -> &str {
+        self.face.as_ref().map_or(&self.name, |face| &face.photo)
+    }
+
+    /// True if a part of the photo is not trained on: by a mask, or at a panorama's pole.
+    pub fn is_masked(&self) -> bool {
+        self.mask.is_some() || self.face.as_ref().is_some_and(|face| face.pole > 0.0)
+    }
+
+    /// True if the photo is resampled to one ideal pinhole rather than used as it is or cut into faces.
     pub fn undistorts(&self) -> bool {
         self.undistorts
     }
 
-    /// Switches undistortion on or off and sets [`View::camera`] accordingly.
+    /// Switches undistortion on or off and sets [`View::camera`] accordingly. Faces of photos stay as they are.
     ///
     /// # Errors
     /// [`Error::Photo`] if the distortion leaves no rectangle of the photo whole.
     pub fn set_undistort(&mut self, on: bool) -> Result<(), Error> {
+        if self.face.is_some() {
+            return Ok(());
+        }
         let ideal = if on { Some(self.lens.ideal().ok_or_else(|| Error::photo(&self.image, FOLDED))?) } else { None };
         self.put(ideal);
         Ok(())

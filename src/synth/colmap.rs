@@ -48,9 +48,14 @@ fn cameras(devices: &[Device]) -> String {
             Lens::Pinhole => ("PINHOLE", vec![]),
             Lens::OpenCv { k1, k2, p1, p2 } => ("OPENCV", vec![k1, k2, p1, p2]),
             Lens::Fisheye { k } => ("OPENCV_FISHEYE", k.to_vec()),
+            Lens::Panorama => ("EQUIRECTANGULAR", vec![]),
         };
         let _ = write!(text, "{} {model} {} {}", i + 1, d.width, d.height);
-        for value in [d.focal.x, d.focal.y, d.principal.x, d.principal.y].into_iter().chain(terms) {
+        let plane = match d.lens {
+            Lens::Panorama => vec![f64::from(d.width), f64::from(d.height)],
+            _ => vec![d.focal.x, d.focal.y, d.principal.x, d.principal.y],
+        };
+        for value in plane.into_iter().chain(terms) {
             let _ = write!(text, " {value}");
         }
         text.push('\n');

@@ -25,6 +25,14 @@ pub enum Error {
         /// The kind.
         kind: Kind,
     },
+    /// A panorama of another shape.
+    #[error("a panorama is twice as wide as high, as 512x256 is, not {width}x{height}")]
+    NoPanorama {
+        /// The width that was given.
+        width: u32,
+        /// The height that was given.
+        height: u32,
+    },
     /// A number in the options lies outside its range.
     #[error("{what} is {value}: it must lie in {low}..={high}")]
     Range {

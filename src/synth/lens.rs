@@ -11,13 +11,23 @@ pub(super) enum Lens {
     OpenCv { k1: f64, k2: f64, p1: f64, p2: f64 },
     /// Equidistant with four radial terms (COLMAP `OPENCV_FISHEYE`).
     Fisheye { k: [f64; 4] },
+    /// All directions: longitude and latitude, in radians (COLMAP `EQUIRECTANGULAR`).
+    Panorama,
 }
 
 impl Lens {
+    /// The image of a point in camera coordinates; none if the lens cannot see it.
+    pub fn image(&self, p: DVec3) -> Option<DVec2> {
+        if *self == Self::Panorama {
+            return Some(DVec2::new(p.x.atan2(p.z), p.y.atan2(p.x.hypot(p.z))));
+        }
+        (p.z >= 0.05).then(|| self.distort(p.truncate() / p.z))
+    }
+
     /// The image of the ideal point `u`.
-    pub fn distort(&self, u: DVec2) -> DVec2 {
+    fn distort(&self, u: DVec2) -> DVec2 {
         match *self {
-            Self::Pinhole => u,
+            Self::Pinhole | Self::Panorama => u,
             Self::OpenCv { k1, k2, .. } => {
                 let r2 = u.length_squared();
                 u * (1.0 + k1 * r2 + k2 * r2 * r2) + self.tangential(u)
@@ -29,9 +39,13 @@ impl Lens {
         }
     }
 
-    /// The direction (z = 1) whose image is `v`: the inverse of [`Lens::distort`].
+    /// The direction (of any length) whose image is `v`: the inverse of [`Lens::image`].
     pub fn direction(&self, v: DVec2) -> DVec3 {
         let ideal = match *self {
+            Self::Panorama => {
+                let ((sin, cos), (low, level)) = (v.x.sin_cos(), v.y.sin_cos());
+                return DVec3::new(sin * level, low, cos * level);
+            }
             Self::Pinhole => v,
             Self::OpenCv { k1, k2, .. } => {
                 // Fixed point: the lenses here are mild, each round gains about a digit.
@@ -90,11 +104,11 @@ mod tests {
 
     #[test]
     fn directions_land_where_they_came_from() {
-        for lens in [Lens::Pinhole, OPENCV, FISHEYE] {
+        for lens in [Lens::Pinhole, OPENCV, FISHEYE, Lens::Panorama] {
             for i in 0..200 {
                 let v = DVec2::new(f64::from(i % 20) * 0.05 - 0.5, f64::from(i / 20) * 0.08 - 0.4);
                 let d = lens.direction(v);
-                assert!((lens.distort(d.truncate() / d.z) - v).length() < 1e-9, "{lens:?} at {v}");
+                assert!((lens.image(d).unwrap() - v).length() < 1e-9, "{lens:?} at {v}");
             }
         }
     }

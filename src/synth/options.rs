@@ -97,24 +97,36 @@ pub enum Kind {
     /// A strip of land, from a drone that flies along it in three lines and looks down and a little ahead. It is longer with more
     /// photos.
     Terrain,
+    /// The plaza, in panoramas (equirectangular) from a walk among its objects.
+    Panorama,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 2] = [Self::Plaza, Self::Terrain];
+    pub const ALL: [Self; 3] = [Self::Plaza, Self::Terrain, Self::Panorama];
 
     /// The name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Plaza => "plaza",
             Self::Terrain => "terrain",
+            Self::Panorama => "panorama",
         }
     }
 
     /// True if an effect belongs to the plaza's objects, or to the distances of its cameras.
     const fn lacks(self, effect: Effect) -> bool {
-        let plaza = matches!(effect, Effect::Masks | Effect::Scales | Effect::Alpha | Effect::Fisheye);
-        matches!(self, Self::Terrain) && plaza
+        match self {
+            Self::Plaza => false,
+            Self::Terrain => matches!(effect, Effect::Masks | Effect::Scales | Effect::Alpha | Effect::Fisheye),
+            // One lens, which is no other, on one path.
+            Self::Panorama => {
+                matches!(
+                    effect,
+                    Effect::Scales | Effect::Cameras | Effect::Distortion | Effect::Fisheye | Effect::Masks
+                )
+            }
+        }
     }
 }
 
@@ -176,6 +188,9 @@ impl SynthOptions {
         }
         if let Some(effect) = self.effects.iter().find(|effect| self.kind.lacks(**effect)) {
             return Err(Error::NotThere { effect: *effect, kind: self.kind });
+        }
+        if self.kind == Kind::Panorama && self.width != 2 * self.height {
+            return Err(Error::NoPanorama { width: self.width, height: self.height });
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! Cameras of the photos: positions, devices and exposures.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use glam::{DVec2, DVec3, Vec3};
 
@@ -19,6 +19,8 @@ use crate::scene::camera::Camera;
 const RINGS: [f64; 3] = [6.0, 18.0, 34.0];
 /// Distance from the target in metres. Far, with a long lens: the footprints of a point then differ little.
 const DISTANCE: f64 = 9.2;
+/// Distance from the middle from which panoramas are taken, in metres: between the objects and the fence, and outside.
+const WALK: f64 = 3.0;
 /// Field of view of the shorter side in degrees.
 const FIELD: f64 = 26.0;
 /// Distances of the near, middle and far cameras of [`Effect::Scales`].
@@ -64,10 +66,7 @@ impl View {
     /// Pixel of a world point; none behind the camera or outside the picture.
     pub fn project(&self, p: DVec3) -> Option<DVec2> {
         let local = self.camera.rotation * p + self.camera.translation;
-        if local.z < 0.05 {
-            return None;
-        }
-        let pixel = self.lens.distort(local.truncate() / local.z) * self.camera.focal + self.camera.principal;
+        let pixel = self.lens.image(local)? * self.camera.focal + self.camera.principal;
         let size = DVec2::new(f64::from(self.camera.width), f64::from(self.camera.height));
         (pixel.cmpge(DVec2::ONE).all() && pixel.cmple(size - 1.0).all()).then_some(pixel)
     }
@@ -88,6 +87,12 @@ pub(super) fn devices(options: &SynthOptions) -> Vec<Device> {
         let field = if options.kind == Kind::Terrain { terrain::FIELD } else { FIELD };
         (if options.has(Effect::Distortion) { OPENCV } else { Lens::Pinhole }, field)
     };
+    if options.kind == Kind::Panorama {
+        let (width, height) = (options.width, options.height);
+        let size = DVec2::new(f64::from(width), f64::from(height));
+        let (focal, principal) = (size / DVec2::new(TAU, PI), 0.5 * size);
+        return vec![Device { width, height, focal, principal, lens: Lens::Panorama }];
+    }
     let device = |width: u32, height: u32, zoom: f64, shift: DVec2| {
         let (w, h) = (f64::from(width), f64::from(height));
         // A portrait is as wide as three quarters of a landscape.
@@ -121,6 +126,7 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
     let ([eye, target, up], turn) = match options.kind {
         Kind::Plaza => ring(options, i),
         Kind::Terrain => (terrain::pose(options, i), 0.0),
+        Kind::Panorama => (walk(options, i), 0.0),
     };
     let device_index = if devices.len() > 1 { third } else { 0 };
     let device = &devices[device_index];
@@ -163,6 +169,19 @@ fn ring(options: &SynthOptions, i: usize) -> ([DVec3; 3], f64) {
     let target = DVec3::new(jitter(0.06), jitter(0.06), 0.8 + jitter(0.05));
     let eye = target + DVec3::new(rise.cos() * turn.cos(), rise.cos() * turn.sin(), rise.sin()) * distance;
     ([eye, target, DVec3::Z], turn)
+}
+
+/// Where panorama `i` is taken, what its middle looks at, and the direction that is up: from someone who walks round the plaza with the
+/// camera on a stick, never quite upright.
+fn walk(options: &SynthOptions, i: usize) -> [DVec3; 3] {
+    let mut random = Random::new(options.seed, Stream::Path, i as u64);
+    let mut jitter = |size: f64| random.between(-size, size);
+    let turn = TAU * (i as f64 + jitter(0.2)) / options.views as f64;
+    let height = [0.9, 1.5, 2.1][i % 3] + jitter(0.1);
+    let eye = DVec3::new(turn.cos(), turn.sin(), 0.0) * (WALK + jitter(0.25)) + DVec3::Z * height;
+    let heading = TAU * jitter(0.5);
+    let up = DVec3::new(jitter(0.08), jitter(0.08), 1.0).normalize();
+    [eye, eye + DVec3::new(heading.cos(), heading.sin(), 0.0).reject_from(up), up]
 }
 
 /// Name of the photo with this index.

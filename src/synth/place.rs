@@ -73,7 +73,7 @@ impl Place {
     pub fn new(options: &SynthOptions) -> Self {
         let mut b = Builder { solids: Vec::new(), surfaces: Vec::new() };
         let ground = match options.kind {
-            Kind::Plaza => {
+            Kind::Plaza | Kind::Panorama => {
                 plaza::build(&mut b, options.seed);
                 Ground::PLAZA
             }

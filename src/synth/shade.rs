@@ -198,7 +198,7 @@ impl World<'_> {
             Thing::Solid(i) => painted(&self.place.solids[i as usize], self.place.surfaces[i as usize].paint),
             Thing::Mover(i) => painted(&self.mover[i as usize].0, self.mover[i as usize].1),
             Thing::Floor => match self.place.ground.kind {
-                Kind::Plaza => materials::floor(p),
+                Kind::Plaza | Kind::Panorama => materials::floor(p),
                 Kind::Terrain => terrain::ground(p),
             },
             Thing::Sky => return Vec3::ZERO,

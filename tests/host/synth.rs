@@ -3,6 +3,7 @@
 mod colmap;
 mod files;
 mod geometry;
+mod panorama;
 mod photos;
 mod terrain;
 

@@ -161,6 +161,7 @@ impl Arguments {
                     scene: scene.clone(),
                     images: self.images.clone(),
                     resolution: self.resolution.clone(),
+                    pole_mask: 0.0,
                     eval_every: EVAL_EVERY,
                     background: None,
                     effects: Overrides::default(),

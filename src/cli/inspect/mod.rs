@@ -4,6 +4,7 @@ mod model;
 mod scene;
 
 use super::console::Console;
+use super::values;
 use crate::gaussians::formats::{self, Loaded};
 use crate::pipeline::Error;
 use crate::scene::{OpenOptions, Scene, origin};
@@ -24,15 +25,22 @@ pub(super) struct Arguments {
     /// Photo folder of a scene (such as images_4)
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
+    /// Mask what is nearer than DEG degrees to straight down in the panoramas of a scene
+    #[arg(long, value_name = "DEG", default_value = "0", value_parser = values::pole)]
+    pole_mask: f64,
     /// Print one JSON document
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
+    fn options(&self) -> OpenOptions {
+        OpenOptions { images: self.images.clone(), undistort: None, pole_mask: self.pole_mask }
+    }
+
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let value = if is_scene(&self.path) {
-            scene::describe(&self.path, self.images.clone())?
+            scene::describe(&self.path, &self.options())?
         } else if self.images.is_some() {
             return Err(Error::Usage(format!("--images goes with a scene, and {} is a model", self.path.display())));
         } else {
@@ -84,7 +92,13 @@ pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error
 pub(super) fn place(loaded: &mut Loaded, scene: &Path, images: Option<&Path>) -> Result<(), Error> {
     let near = loaded.origin == [0.0; 3] && origin::near(mean(loaded), 1.0) == DVec3::ZERO;
     if !near {
-        place_in(loaded, &Scene::open(scene, &OpenOptions { images: images.map(Path::to_owned), undistort: None })?);
+        place_in(
+            loaded,
+            &Scene::open(
+                scene,
+                &OpenOptions { images: images.map(Path::to_owned), undistort: None, ..OpenOptions::default() },
+            )?,
+        );
     }
     Ok(())
 }

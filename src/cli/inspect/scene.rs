@@ -6,11 +6,11 @@ use crate::scene::{EVAL_EVERY, OpenOptions, Scene, View};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The scene as one document; reads training photos to decide which effects they call for.
-pub(super) fn describe(path: &Path, images: Option<PathBuf>) -> Result<Value, Error> {
-    let scene = Scene::open(path, &OpenOptions { images, undistort: None })?;
+pub(super) fn describe(path: &Path, options: &OpenOptions) -> Result<Value, Error> {
+    let scene = Scene::open(path, options)?;
     let mut sizes: BTreeMap<(u32, u32), usize> = BTreeMap::new();
     let mut cameras: BTreeMap<u32, (&View, usize)> = BTreeMap::new();
     for view in &scene.views {
@@ -28,7 +28,7 @@ pub(super) fn describe(path: &Path, images: Option<PathBuf>) -> Result<Value, Er
         "views": scene.views.len(),
         "photos_present": scene.views.iter().filter(|v| v.photo_size.is_some()).count(),
         "photos_with_alpha": alpha,
-        "masks": scene.views.iter().filter(|v| v.mask.is_some()).count(),
+        "masks": scene.views.iter().filter(|v| v.is_masked()).count(),
         "sizes": sizes.iter().map(|((w, h), n)| json!({ "size": format!("{w}x{h}"), "views": n })).collect::<Vec<_>>(),
         "cameras": cameras.iter().map(|(id, (view, views))| camera(*id, view, *views)).collect::<Vec<_>>(),
         "points": scene.points.len(),

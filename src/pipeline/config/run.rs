@@ -76,6 +76,12 @@ pub enum Init {
     Model(PathBuf),
 }
 
+/// True for no angle at all. Its type is what serde asks for.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_none(angle: &f64) -> bool {
+    *angle == 0.0
+}
+
 /// Everything that reproduces a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -88,6 +94,9 @@ pub struct RunConfig {
     /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<String>,
+    /// What is nearer than this to straight down in a panorama is masked, in degrees.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub pole_mask: f64,
     /// Key of all random numbers.
     pub seed: u32,
     /// Every n-th photo is held out; 0 holds none out.
@@ -146,6 +155,9 @@ pub struct Selection {
     pub images: Option<PathBuf>,
     /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     pub resolution: Option<String>,
+    /// What is nearer than this to straight down in a panorama is masked, in degrees.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub pole_mask: f64,
     /// Every n-th photo is held out; 0 holds none out.
     pub eval_every: usize,
     /// Background colour; by the photos if absent.
@@ -162,6 +174,7 @@ impl RunConfig {
             scene,
             images: None,
             resolution: None,
+            pole_mask: 0.0,
             seed: 1,
             eval_every: 8,
             sh_degree: MAX_SH_DEGREE,
@@ -202,6 +215,7 @@ impl RunConfig {
             scene: self.scene.clone(),
             images: self.images.clone(),
             resolution: self.resolution.clone(),
+            pole_mask: self.pole_mask,
             eval_every: self.eval_every,
             background: self.background,
             effects: self.effects.clone(),

@@ -24,6 +24,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::faces::{self, Cut};
 use super::lens::{Lens, Pinhole, VISIBLE_DISPLACEMENT};
 use super::merge::merge_repeated;
 use super::near::near;
@@ -166,15 +167,22 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     if let Some(folder) = &listing.photos {
         unposed(folder, &listed, &mut skipped);
     }
-    let numbers: HashMap<u32, u32> = listed.iter().enumerate().map(|(i, v)| (v.id, i as u32)).collect();
-    let views = finish(listed, &source, options)?;
+    let mut numbered = finish(listed, &source, options)?;
+    numbered.sort_by(|(_, a), (_, b)| a.name.cmp(&b.name));
+    let mut numbers: HashMap<u32, Vec<u32>> = HashMap::new();
+    for (i, (id, _)) in numbered.iter().enumerate() {
+        numbers.entry(*id).or_default().push(i as u32);
+    }
+    let views: Vec<View> = numbered.into_iter().map(|(_, view)| view).collect();
     let points: Vec<Point> = listing
         .points
         .into_iter()
         .map(|point| {
-            let seen = point.track.len();
-            let mut track: Vec<u32> = point.track.iter().filter_map(|id| numbers.get(id).copied()).collect();
-            skipped.track_entries += seen - track.len();
+            let of_views = point.track.iter().filter_map(|id| numbers.get(id));
+            skipped.track_entries += point.track.len() - of_views.clone().count();
+            let mut track: Vec<u32> = of_views.flatten().copied().collect();
+            // Of the views that a photo was cut into, those that show it.
+            track.retain(|v| views[*v as usize].face.is_none() || views[*v as usize].camera.shows(point.position));
             track.sort_unstable();
             track.dedup();
             Point { position: point.position, colour: point.colour, error: point.error, track }
@@ -232,34 +240,54 @@ fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -
     Ok(kept)
 }
 
-/// The views with their ideal cameras, at the real size of their photo if it is present and of the camera's shape.
-fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Result<Vec<View>, Error> {
+/// The views with their ids and ideal cameras, at the real size of their photo if it is present and of the camera's shape.
+/// Photos that no pinhole can show are cut.
+fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Result<Vec<(u32, View)>, Error> {
     let sizes: Vec<_> = listed.par_iter().map(|view| files::photo_size(&view.image)).collect();
-    let mut ideals: HashMap<Vec<u64>, Option<Pinhole>> = HashMap::new(); // most scenes have few lenses, and many views
+    let mut known: HashMap<Vec<u64>, Ideal> = HashMap::new(); // most scenes have few lenses, and many views
     let mut views = Vec::with_capacity(listed.len());
     for (view, photo_size) in listed.into_iter().zip(sizes) {
         let lens = match photo_size {
             Some((width, height)) if view.lens.fits(width, height) => view.lens.resized(width, height),
             _ => view.lens,
         };
-        let ideal = match ideals.entry(lens.key()) {
-            Entry::Occupied(known) => *known.get(),
+        let ideal = match known.entry(lens.key()) {
+            Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => {
-                let on = options.undistort.unwrap_or_else(|| lens.max_displacement() > VISIBLE_DISPLACEMENT);
-                let ideal = if on { lens.ideal() } else { None };
-                if on && ideal.is_none() {
-                    return Err(Error::malformed(source, format!("camera of image {:?}", view.name), FOLDED));
-                }
-                *new.insert(ideal)
+                let ideal = Ideal::of(&lens, options);
+                let folded = || Error::malformed(source, format!("camera of image {:?}", view.name), FOLDED);
+                new.insert(ideal.ok_or_else(folded)?)
             }
         };
-        let mut finished = View::new(view.name, lens, view.pose, ideal);
+        let mut finished = View::new(view.name, lens, view.pose, ideal.pinhole);
         finished.image = view.image;
         finished.mask = view.mask;
         finished.camera_id = view.camera_id;
         finished.role = view.role;
         finished.photo_size = photo_size;
-        views.push(finished);
+        if ideal.faces.is_empty() {
+            views.push((view.id, finished));
+        } else {
+            views.extend(ideal.faces.iter().map(|face| (view.id, finished.cut(face, options.pole_mask.to_radians()))));
+        }
     }
     Ok(views)
+}
+
+/// What is drawn in place of a lens's photos: a pinhole's view, or, if there are faces, those.
+struct Ideal {
+    pinhole: Option<Pinhole>,
+    faces: Vec<Cut>,
+}
+
+impl Ideal {
+    /// None if the lens folds its image.
+    fn of(lens: &Lens, options: &OpenOptions) -> Option<Self> {
+        let faces = faces::of(lens);
+        let bends = || options.undistort.unwrap_or_else(|| lens.max_displacement() > VISIBLE_DISPLACEMENT);
+        if !faces.is_empty() || !bends() {
+            return Some(Self { pinhole: None, faces });
+        }
+        lens.ideal().map(|pinhole| Self { pinhole: Some(pinhole), faces })
+    }
 }

@@ -305,6 +305,10 @@ impl Intrinsics {
                 _ => return Err(LensFault::Model(name.to_owned())),
             },
         };
+        if model == LensModel::Equirectangular {
+            // All directions, whatever focal length is given.
+            return Lens::panorama(width.into(), height.into()).map_err(LensFault::Other);
+        }
         let fisheye = matches!(
             model,
             LensModel::OpenCvFisheye

@@ -3,6 +3,7 @@
 use super::quantile;
 use glam::{DQuat, DVec2, DVec3};
 use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
 use std::fs;
 use std::path::Path;
 
@@ -64,8 +65,13 @@ impl Model {
 
     pub fn project(&self, shot: &Shot, p: DVec3) -> DVec2 {
         let q = shot.rotation * p + shot.translation;
+        let (model, size, k) = &self.cameras[&shot.camera];
+        if model == "EQUIRECTANGULAR" {
+            assert_eq!(k[..], size.to_array());
+            let (theta, phi) = (q.x.atan2(q.z), (-q.y).atan2(q.x.hypot(q.z)));
+            return DVec2::new((theta / TAU + 0.5) * k[0], (0.5 - phi / PI) * k[1]);
+        }
         assert!(q.z > 0.0, "an observed point lies behind its camera");
-        let (model, _, k) = &self.cameras[&shot.camera];
         let u = q.truncate() / q.z;
         let r2 = u.length_squared();
         let bent = match model.as_str() {

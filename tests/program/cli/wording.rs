@@ -27,7 +27,10 @@ fn unknown_names_are_refused_in_one_form() {
         ),
         (vec!["sweep", "scene", "-o", "out", "--axis", "abc"], "'abc' is not an axis; possible values: solver, "),
         (vec!["synth", "out", "--effects", "abc"], "'abc' is not an effect; possible values: exposure, "),
-        (vec!["synth", "out", "--kind", "abc"], "'abc' is not a kind of scene; possible values: plaza, terrain"),
+        (
+            vec!["synth", "out", "--kind", "abc"],
+            "'abc' is not a kind of scene; possible values: plaza, terrain, panorama",
+        ),
     ];
     for (arguments, says) in cases {
         sandbox.fails(2, &arguments, &[says]);

@@ -43,6 +43,7 @@ pub fn parameters(model: LensModel) -> Vec<f64> {
         LensModel::SimpleFisheye => vec![300.0, 320.0, 240.0],
         LensModel::Fisheye => vec![300.0, 301.0, 322.0, 238.0],
         LensModel::Eucm => vec![300.0, 301.0, 322.0, 238.0, 0.6, 1.1],
+        LensModel::Equirectangular => vec![640.0, 480.0],
         LensModel::SimpleRadialFisheye => vec![300.0, 320.0, 240.0, 0.03],
         LensModel::RadialFisheye => vec![300.0, 320.0, 240.0, 0.03, -0.005],
         LensModel::ThinPrismFisheye => {

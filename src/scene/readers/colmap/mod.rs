@@ -210,10 +210,5 @@ impl From<String> for CameraFault {
 
 /// The model with COLMAP's number; the fault names the models that the engine lacks.
 fn model_of(id: i32) -> Result<LensModel, CameraFault> {
-    LensModel::from_id(id).ok_or_else(|| {
-        CameraFault::Model(match id {
-            17 => "EQUIRECTANGULAR (number 17)".to_owned(),
-            _ => format!("number {id}"),
-        })
-    })
+    LensModel::from_id(id).ok_or_else(|| CameraFault::Model(format!("number {id}")))
 }
