@@ -5,6 +5,7 @@ mod support;
 mod device {
     mod batches;
     mod bin;
+    mod depth;
     mod effects;
     mod examples;
     mod guards;

@@ -21,6 +21,8 @@ layout(constant_id = 5) const uint PIXELS = 1; // TILE x TILE / WORKGROUP
 layout(constant_id = 6) const bool COUNT_BATCHES = false;
 // For pictures of the cost per pixel: red is the number of splats that the pixel blends.
 layout(constant_id = 7) const bool COUNT_BLENDED = false;
+// For depths, which are the colours then: green is the red of the splat with which half of the light is stopped, or 0.
+layout(constant_id = 8) const bool MEDIANS = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Starts { uint starts[]; };
@@ -45,6 +47,7 @@ vec2 centre[PIXELS]; // from the view's origin
 vec3 blended[PIXELS];
 float transmittance[PIXELS]; // negative once the pixel is done
 uint counts[PIXELS]; // splats blended
+float medians[PIXELS];
 
 void blend(vec4 g, vec4 s, vec2 c) {
     vec3 k = vec3(g.zw, s.x);
@@ -59,6 +62,7 @@ void blend(vec4 g, vec4 s, vec2 c) {
         bool stop = next < STOP;
         blended[p] += (live && !stop ? w : 0) * rgb;
         if (COUNT_BLENDED) counts[p] += uint(live && !stop && alpha > 0);
+        if (MEDIANS && live && !stop && t > 0.5 && next <= 0.5) medians[p] = rgb.r;
         transmittance[p] = live ? (stop ? -t : next) : t;
     }
 }
@@ -119,6 +123,7 @@ void main() {
         centre[p] = vec2(at) + 0.5 - origin(view[0]);
         blended[p] = vec3(0);
         counts[p] = 0;
+        medians[p] = 0;
         transmittance[p] = all(lessThan(at, size)) ? 1 : -1;
     }
     uint start = starts[tile], end = starts[tile + 1];
@@ -157,6 +162,7 @@ void main() {
         float t = abs(transmittance[p]);
         vec4 rgba = vec4(blended[p] + t * view[0].background.rgb, 1 - t);
         if (COUNT_BLENDED) rgba.r = float(counts[p]);
+        if (MEDIANS) rgba.g = medians[p];
         if (COUNT_BATCHES) rgba.a = float(batches);
         if (all(lessThan(at, size))) image[at.y * size.x + at.x] = rgba;
     }

@@ -11,6 +11,7 @@ use crate::gaussians::outline::outline;
 use crate::metrics::Networks;
 use crate::pipeline::Error;
 use crate::pipeline::Session;
+use crate::pipeline::depth;
 use crate::pipeline::evaluate::pictures::Format;
 use crate::pipeline::film::film;
 use crate::pipeline::panorama::{self, Panorama};
@@ -32,6 +33,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk render model.spz --orbit 36 --size 1920x1080 --up z --background white -o pictures
   qirf-vk render model.ply --scene capture --resolution /2 -o pictures
   qirf-vk render model.ply --scene capture --format npy -o arrays
+  qirf-vk render model.ply --scene capture --depth -o pictures
   qirf-vk render model.ply --path capture --scene capture --frames 300 -o frames
   qirf-vk render model.ply --path orbit --frames 240 -o walk.mp4
   qirf-vk render model.ply --panorama --at 0,-1,0 --size 4096x2048 -o around.png
@@ -97,6 +99,10 @@ pub(super) struct Arguments {
     /// Write PNG files with alpha, without a background
     #[arg(long, conflicts_with = "background", help_heading = "Pictures")]
     transparent: bool,
+    /// Also write expected and median depths beside each picture: x.depth and x.median, each as .npy (float32, world units)
+    /// and as .png (16 bits)
+    #[arg(long, help_heading = "Pictures")]
+    depth: bool,
     #[command(flatten)]
     rendering: style::Rendering,
 }
@@ -117,7 +123,8 @@ impl Arguments {
         }
         let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
         let model = loaded.gaussians;
-        let mut config = RenderConfig { settings, format: self.format()?, transparent: self.transparent };
+        let mut config =
+            RenderConfig { settings, format: self.format()?, transparent: self.transparent, depth: self.depth };
         let scene = self.scene.as_ref().map(|scene| self.open(scene, console)).transpose()?;
         if let Some(scene) = &scene {
             config.settings.near = scene.near;
@@ -146,6 +153,12 @@ impl Arguments {
             Work::Film(cameras) => (cameras.len(), film(&session, model, (cameras, &config, self.fps), &self.output)?),
             Work::Panorama(panorama) => (6, panorama::draw(&session, &model, (&panorama, &config), &self.output)?),
         };
+        if self.depth {
+            let step = depth::unit(config.settings.near);
+            console.note(format_args!(
+                "16-bit depths count in steps of {step} world units; 0 is none, 65535 this far or farther"
+            ));
+        }
         console.note(format_args!(
             "{} in {} ({:.1} s; {:.1} ms to draw one, on {})",
             counted(if self.panorama { 1 } else { drawn }, if self.is_film() { "frame" } else { "picture" }),
@@ -172,6 +185,9 @@ impl Arguments {
         }
         if self.scene.is_some() && !self.panorama && (self.size.is_some() || self.up.is_some()) {
             return refuse("a scene's cameras have their own --size and --up; --resolution scales them");
+        }
+        if self.depth && (self.is_film() || self.panorama) {
+            return refuse("--depth goes with pictures, neither with a film nor with a panorama");
         }
         if self.is_film() {
             return if self.path.is_none() {
@@ -261,8 +277,8 @@ impl Arguments {
     }
 
     fn open(&self, path: &Path, console: &Console) -> Result<Scene, Error> {
-        let options = OpenOptions { images: self.images.clone(), ..OpenOptions::default() };
-        let scene = Scene::open(path, &options)?;
+        let scene =
+            Scene::open(path, &OpenOptions { images: self.images.clone(), undistort: None, ..OpenOptions::default() })?;
         for line in scene.skipped.summary() {
             console.warn(format_args!("{}: {line}", path.display()));
         }

@@ -5,6 +5,7 @@ pub mod budget;
 pub mod checkpoint;
 pub mod compress;
 pub mod config;
+pub mod depth;
 pub mod diagnostics;
 mod draw_source;
 pub mod earlier;

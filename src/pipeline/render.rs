@@ -1,5 +1,6 @@
 //! `qirf-vk render`: pictures of a model, from a scene's cameras or on a circle around it.
 
+use super::depth::{self, DepthPainter};
 use super::evaluate::pictures::{self, Format};
 use super::prepare::refuse_photo_folders;
 use super::session::Session;
@@ -56,6 +57,8 @@ pub struct RenderConfig {
     pub format: Format,
     /// True if PNG files keep alpha in place of a background.
     pub transparent: bool,
+    /// True if depths are written beside the pictures.
+    pub depth: bool,
 }
 
 /// Cameras on a circle around a model.
@@ -146,6 +149,14 @@ pub fn render(
         pictures::write(&shot.path, &image, config.format, config.transparent)?;
     }
     session.watcher.rendering(shots.len(), shots.len());
+    drop((painter, shown));
+    if config.depth {
+        let mut painter = DepthPainter::new(session.device, &model, (config.settings, size, place.whole))?;
+        for shot in shots {
+            session.watcher.unless_stopped()?;
+            painter.draw(&shot.camera)?.write(&shot.path, depth::unit(config.settings.near))?;
+        }
+    }
     if empty > 0 {
         let all = shots.len();
         let note = format!("{empty} of {all} pictures show nothing: does the model lie where the cameras look?");

@@ -20,6 +20,8 @@ pub struct Composite {
     pub alpha: Vec<f64>,
     /// Number of Gaussians that each pixel blends.
     pub blended: Vec<u32>,
+    /// Red of the Gaussian with which half of a pixel's light is stopped; 0 where less is.
+    pub medians: Vec<f64>,
     /// Per Gaussian of the model: sum over pixels of T alpha.
     pub contribution: Vec<f64>,
 }
@@ -92,15 +94,18 @@ pub fn rasterise(
             let mut pixels = Vec::with_capacity(columns.len() * rows.len());
             for y in rows {
                 for x in columns.clone() {
-                    let (mut colour, mut alpha, mut blended) = (DVec3::ZERO, 0.0, 0);
+                    let (mut colour, mut alpha, mut blended, mut median) = (DVec3::ZERO, 0.0, 0, 0.0);
                     let rest = walk(list, projected, (x, y), settings, |k, p, s, transmittance| {
                         let weight = transmittance * s.alpha;
                         colour += weight * p.colour;
                         alpha += weight;
                         blended += 1;
+                        if transmittance > 0.5 && transmittance - weight <= 0.5 {
+                            median = p.colour.x;
+                        }
                         weights[k] += weight;
                     });
-                    pixels.push((y * camera.width + x, colour + rest * background, alpha, blended));
+                    pixels.push((y * camera.width + x, colour + rest * background, alpha, blended, median));
                 }
             }
             (pixels, weights)
@@ -112,13 +117,15 @@ pub fn rasterise(
         image: vec![[0.0; 3]; count],
         alpha: vec![0.0; count],
         blended: vec![0; count],
+        medians: vec![0.0; count],
         contribution: vec![0.0; projected.len()],
     };
     for (t, (pixels, weights)) in drawn.into_iter().enumerate() {
-        for (at, colour, alpha, blended) in pixels {
+        for (at, colour, alpha, blended, median) in pixels {
             out.image[at as usize] = colour.to_array();
             out.alpha[at as usize] = alpha;
             out.blended[at as usize] = blended;
+            out.medians[at as usize] = median;
         }
         for (&i, weight) in tiles.list(t).iter().zip(weights) {
             out.contribution[i as usize] += weight;

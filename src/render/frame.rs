@@ -17,11 +17,14 @@ pub(super) struct Launch {
     pub tuning: Tuning,
     /// True if the red channel of a picture is to hold the number of Gaussians that each pixel blends.
     pub count_blended: bool,
+    /// True if the green channel is to hold the red of the Gaussian with which half of the light is stopped.
+    pub medians: bool,
 }
 
 impl Launch {
     pub fn new(device: &Device, settings: Settings) -> Self {
-        Self { settings, subgroup: device.info().subgroup_size, tuning: device.tuning().clone(), count_blended: false }
+        let (subgroup, tuning) = (device.info().subgroup_size, device.tuning().clone());
+        Self { settings, subgroup, tuning, count_blended: false, medians: false }
     }
 
     /// Invocations that walk a tile's list backward.

@@ -272,6 +272,12 @@ impl Painter {
         }
     }
 
+    /// As [`Renderer::with_medians`].
+    #[must_use]
+    pub fn with_medians(self) -> Self {
+        Self { renderer: self.renderer.with_medians(), ..self }
+    }
+
     /// Draws a picture.
     ///
     /// # Errors

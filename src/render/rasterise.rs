@@ -24,6 +24,7 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
             pixels: launch.tuning.tile * launch.tuning.tile / launch.tuning.rasterise_workgroup,
             count_batches: false,
             count_blended: launch.count_blended,
+            medians: launch.medians,
         },
     };
     recording.dispatch(&kernel, Groups::Count(tiles));

@@ -37,6 +37,7 @@ fn loaded(device: &Device, workgroup: u32, batch: u32) -> [f32; 2] {
             pixels: TILE * TILE / workgroup,
             count_batches: true,
             count_blended: false,
+            medians: false,
         },
     };
     let mut recording = Recording::new();

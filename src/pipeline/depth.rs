@@ -1,0 +1,141 @@
+//! Depths of a model's pictures: expected and median, along the camera's axis.
+
+use std::path::Path;
+
+use glam::DVec3;
+use image::{ColorType, ImageEncoder, codecs::png};
+use npyz::WriterBuilder;
+
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::write_atomically;
+use crate::gaussians::resident::Resident;
+use crate::kernels::constants::sh::float64::SH_C0;
+use crate::pipeline::Error;
+use crate::render::{Image, Painter, Settings, Source};
+use crate::scene::camera::Camera;
+
+/// Steps of the 16-bit files by near plane: in usual scenes, whose near plane is 0.2, a step is a thousandth of a unit.
+const STEPS_BY_NEAR: f64 = 200.0;
+
+/// Depths of one picture in world units, row by row: of Gaussians' centres along the camera's axis, as they are blended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Depths {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// The mean, by each Gaussian's share of the pixel; infinite where there is none.
+    pub expected: Vec<f32>,
+    /// The depth at which half of the light is stopped; infinite where less than half is.
+    pub median: Vec<f32>,
+}
+
+/// A model whose colours are depths, as shares of the largest one, which is returned with it.
+fn coloured(model: &Gaussians, camera: &Camera) -> (f64, Gaussians) {
+    let depth = |mean: &[f32; 3]| (camera.rotation * DVec3::from_array(mean.map(f64::from)) + camera.translation).z;
+    let depths: Vec<f64> = model.means.iter().map(depth).collect();
+    let far = depths.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    let colour = |z: &f64| [((z / far - 0.5) / SH_C0) as f32; 3];
+    let sh = vec![depths.iter().flat_map(colour).collect()];
+    let Gaussians { means, log_scales, rotations, opacity_logits, .. } = model;
+    let [means, log_scales] = [means, log_scales].map(Clone::clone);
+    (far, Gaussians { means, log_scales, rotations: rotations.clone(), opacity_logits: opacity_logits.clone(), sh })
+}
+
+/// Draws depths of one model.
+pub struct DepthPainter<'a> {
+    device: &'a crate::gpu::Device,
+    model: &'a Gaussians,
+    /// True if the device holds the whole model.
+    whole: bool,
+    painter: Painter,
+}
+
+impl<'a> DepthPainter<'a> {
+    /// A painter of pictures of at most `size`; `whole` if the device can hold the whole model.
+    ///
+    /// # Errors
+    /// Device memory.
+    pub fn new(
+        device: &'a crate::gpu::Device,
+        model: &'a Gaussians,
+        (settings, size, whole): (Settings, [u32; 2], bool),
+    ) -> Result<Self, Error> {
+        let settings = Settings { background: [0.0; 3], ..settings };
+        let painter = if whole {
+            Painter::new(device, settings, model.len(), size)?
+        } else {
+            Painter::of(device, settings, Source::Host(model), size)?
+        };
+        Ok(Self { device, model, whole, painter: painter.with_medians() })
+    }
+
+    /// The depths that a camera sees.
+    ///
+    /// # Errors
+    /// Device memory; device errors.
+    pub fn draw(&mut self, camera: &Camera) -> Result<Depths, Error> {
+        let (far, model) = coloured(self.model, camera);
+        let Image { width, height, pixels } = if self.whole {
+            self.painter.render(Source::Device(&Resident::upload(self.device, &model)?), camera)?
+        } else {
+            self.painter.render(Source::Host(&model), camera)?
+        };
+        let depth = |share: f32, over: f32| {
+            if share > 0.0 && over > 0.0 { (f64::from(share) / f64::from(over) * far) as f32 } else { f32::INFINITY }
+        };
+        let expected = pixels.iter().map(|[sum, _, _, alpha]| depth(*sum, *alpha)).collect();
+        let median = pixels.iter().map(|[_, median, ..]| depth(*median, 1.0)).collect();
+        Ok(Depths { width, height, expected, median })
+    }
+}
+
+/// The length of a step of 16-bit files in world units: a power of ten.
+pub fn unit(near: f32) -> f64 {
+    10_f64.powf((f64::from(near) / STEPS_BY_NEAR).log10().round())
+}
+
+impl Depths {
+    /// Writes the depths beside `picture`: x.depth.npy, x.depth.png, x.median.npy and x.median.png of x.png.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn write(&self, picture: &Path, unit: f64) -> Result<(), Error> {
+        for (name, depths) in [("depth", &self.expected), ("median", &self.median)] {
+            let file = |extension: &str| picture.with_extension(format!("{name}.{extension}"));
+            write_atomically(&file("npy"), |out| {
+                let shape = [u64::from(self.height), u64::from(self.width)];
+                let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(out).begin_nd()?;
+                writer.extend(depths.iter().copied())?;
+                writer.finish()
+            })
+            .map_err(Error::writing)?;
+            let steps = depths.iter().flat_map(|depth| step(*depth, unit).to_ne_bytes());
+            let bytes: Vec<u8> = steps.collect();
+            write_atomically(&file("png"), |out| {
+                png::PngEncoder::new(out)
+                    .write_image(&bytes, self.width, self.height, ColorType::L16.into())
+                    .map_err(std::io::Error::other)
+            })
+            .map_err(Error::writing)?;
+        }
+        Ok(())
+    }
+}
+
+/// A depth in steps of `unit`: 0 for none, 65,535 for all that is farther.
+fn step(depth: f32, unit: f64) -> u16 {
+    if depth.is_finite() { (f64::from(depth) / unit).round().max(1.0) as u16 } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_thousandths_of_usual_units_and_saturate() {
+        assert_eq!([0.2, 0.002, 20.0].map(unit), [1e-3, 1e-5, 0.1]);
+        let steps = [1.2345, 1e-9, 70.0, f32::INFINITY].map(|depth| step(depth, 1e-3));
+        assert_eq!(steps, [1235, 1, u16::MAX, 0]);
+    }
+}
