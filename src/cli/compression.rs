@@ -123,6 +123,7 @@ impl CompressArgs {
                 images: self.images.clone(),
                 resolution: self.resolution.clone(),
                 pole_mask: self.pole_mask,
+                depth: None,
                 eval_every: self.eval_every.unwrap_or(8),
                 background: self.background,
                 effects: Overrides::default(),

@@ -162,6 +162,7 @@ impl Arguments {
             scene: self.scene.clone().or(base.as_ref().map(|b| b.scene.clone())).unwrap_or_default(),
             images: self.images.clone().or(of_scene.and_then(|b| b.images.clone())),
             resolution: self.resolution.clone().or(base.as_ref().and_then(|b| b.resolution.clone())),
+            depth: None,
             pole_mask: self.pole_mask.or(base.as_ref().map(|b| b.pole_mask)).unwrap_or(0.0),
             eval_every: self.eval_every.or(base.as_ref().map(|b| b.eval_every)).unwrap_or(8),
             background: self.background.or(base.as_ref().and_then(|b| b.background)),

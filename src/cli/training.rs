@@ -72,6 +72,10 @@ pub(super) struct Training {
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
+    /// Depth maps with the photos' names, whose points training starts from, too: .npy, 16-bit .png in thousandths of a unit, .exr
+    /// [default: the scene's own, if its transforms.json names some]
+    #[arg(long, value_name = "DIR", help_heading = "Photos")]
+    depth: Option<PathBuf>,
     /// Mask what is nearer than DEG degrees to straight down in panoramas: the tripod, or who held the camera
     #[arg(long, value_name = "DEG", default_value = "0", help_heading = "Photos", value_parser = values::pole)]
     pole_mask: f64,
@@ -136,6 +140,7 @@ impl Training {
             images: self.images.clone(),
             resolution: self.resolution.clone(),
             pole_mask: self.pole_mask,
+            depth: self.depth.clone(),
             seed: self.seed,
             eval_every: self.eval_every,
             sh_degree: self.sh_degree.map_or(usual.sh_degree, usize::from),

@@ -6,6 +6,7 @@ pub mod checkpoint;
 pub mod compress;
 pub mod config;
 pub mod depth;
+pub mod depth_maps;
 pub mod diagnostics;
 mod draw_source;
 pub mod earlier;

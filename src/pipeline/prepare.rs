@@ -1,6 +1,7 @@
 //! From a scene on disk to views in memory.
 
 use super::config::Selection;
+use super::depth_maps;
 use super::watcher::Watcher;
 use crate::effects::Effect;
 use crate::pipeline::Error;
@@ -128,7 +129,13 @@ pub fn open(selection: &Selection) -> Result<Opened, Error> {
     };
     selection.effects.check().map_err(Error::Usage)?;
     let undistort = selection.effects.forced(Effect::Distortion);
-    let options = OpenOptions { images: selection.images.clone(), undistort, pole_mask: selection.pole_mask };
+    let options = OpenOptions {
+        images: selection.images.clone(),
+        undistort,
+        pole_mask: selection.pole_mask,
+        depth: selection.depth.clone(),
+        check: false,
+    };
     let mut scene = Scene::open(&selection.scene, &options)?;
     scene.require_photos()?;
     Ok(Opened { scene, resize, selection: selection.clone(), required: Vec::new() })
@@ -139,6 +146,18 @@ impl Opened {
     pub fn size(&self) -> [u32; 2] {
         let larger = |[w, h]: [u32; 2], c: Camera| [w.max(c.width), h.max(c.height)];
         self.scene.views.iter().map(|v| v.camera_at(self.resize)).fold([1, 1], larger)
+    }
+
+    /// The same scene with points from the depth maps of photos to train on.
+    #[must_use]
+    pub fn with_depth_points(mut self, watcher: &dyn Watcher) -> Self {
+        let train = self.scene.split(self.selection.eval_every).train;
+        let (points, notes) = depth_maps::points(&self.scene, &train, self.resize);
+        self.scene.points.extend(points);
+        for note in notes {
+            watcher.note(&note);
+        }
+        self
     }
 
     /// The same scene with the views of these names alone, all of them to train on. None of them may be lost, also on loading.

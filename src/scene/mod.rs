@@ -16,6 +16,7 @@ mod merge;
 mod near;
 pub mod orbit;
 pub mod origin;
+mod overlap;
 mod photo;
 mod pixels;
 mod readers;
@@ -34,6 +35,7 @@ use decode::LoadedPhotos;
 pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
+pub use overlap::Overlap;
 pub use photo::{AlphaRole, Photo};
 pub use pixels::{PhotoFile, Pixels};
 pub use readers::{PhotoTree, masks_of, photo_folder, photo_names};
@@ -80,6 +82,10 @@ pub struct OpenOptions {
     pub undistort: Option<bool>,
     /// What is nearer than this to straight down in a panorama is masked, in degrees.
     pub pole_mask: f64,
+    /// Folder of depth maps with the photos' names; the data set's own if none is given.
+    pub depth: Option<PathBuf>,
+    /// True to measure how well poses fit the points ([`View::misfit`]).
+    pub check: bool,
 }
 
 /// A capture: views sorted by name, and the points reconstructed from them.

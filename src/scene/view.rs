@@ -64,6 +64,10 @@ pub struct View {
     pub image: PathBuf,
     /// The mask's file, if there is one: black pixels are not trained on.
     pub mask: Option<PathBuf>,
+    /// The depth map's file, if there is one: depths along the camera's axis.
+    pub depth: Option<PathBuf>,
+    /// Median distance in pixels between where points were found in the photo and where its pose shows them, if that was measured.
+    pub misfit: Option<f64>,
     /// The lens at the photo's size.
     pub lens: Lens,
     /// The ideal pinhole at the photo's size, which the engine renders: undistorted if [`View::undistorts`].
@@ -95,6 +99,8 @@ impl View {
             name,
             image: PathBuf::new(),
             mask: None,
+            depth: None,
+            misfit: None,
             lens,
             camera,
             camera_id: 0,
@@ -120,7 +126,7 @@ impl View {
             whole: None,
         };
         let face = Face { photo: self.name.clone(), turn: cut.turn, pole };
-        Self { name: faces::name(&self.name, cut.name), camera, face: Some(face), ..self.clone() }
+        Self { name: faces::name(&self.name, cut.name), camera, face: Some(face), depth: None, ..self.clone() }
     }
 
     /// The name of its photo, which it may share with others.

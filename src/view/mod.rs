@@ -6,6 +6,7 @@
 //! files that `qirf-vk render` writes.
 
 pub mod alone;
+pub mod capture;
 mod client;
 mod guard;
 mod http;

@@ -162,6 +162,7 @@ impl Arguments {
                     images: self.images.clone(),
                     resolution: self.resolution.clone(),
                     pole_mask: 0.0,
+                    depth: None,
                     eval_every: EVAL_EVERY,
                     background: None,
                     effects: Overrides::default(),

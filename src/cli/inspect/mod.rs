@@ -14,7 +14,8 @@ use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   qirf-vk inspect model.ply
-  qirf-vk inspect capture --json";
+  qirf-vk inspect capture --json
+  qirf-vk inspect capture --html capture.html";
 
 /// Show the contents of a model or a scene.
 #[derive(Debug, clap::Args)]
@@ -25,24 +26,47 @@ pub(super) struct Arguments {
     /// Photo folder of a scene (such as images_4)
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
+    /// Depth maps of a scene, with the photos' names
+    #[arg(long, value_name = "DIR")]
+    depth: Option<PathBuf>,
     /// Mask what is nearer than DEG degrees to straight down in the panoramas of a scene
     #[arg(long, value_name = "DEG", default_value = "0", value_parser = values::pole)]
     pole_mask: f64,
+    /// Write a page with a scene's points and cameras: those held out are orange, those worth a look red
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Print one JSON document
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
+    /// An option that was given and is for scenes.
+    fn of_scenes(&self) -> Option<&'static str> {
+        let given = [
+            (self.images.is_some(), "--images"),
+            (self.depth.is_some(), "--depth"),
+            (self.pole_mask > 0.0, "--pole-mask"),
+            (self.html.is_some(), "--html"),
+        ];
+        given.into_iter().find(|(given, _)| *given).map(|(_, option)| option)
+    }
+
     fn options(&self) -> OpenOptions {
-        OpenOptions { images: self.images.clone(), undistort: None, pole_mask: self.pole_mask }
+        OpenOptions {
+            images: self.images.clone(),
+            undistort: None,
+            pole_mask: self.pole_mask,
+            depth: self.depth.clone(),
+            check: true,
+        }
     }
 
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let value = if is_scene(&self.path) {
-            scene::describe(&self.path, &self.options())?
-        } else if self.images.is_some() {
-            return Err(Error::Usage(format!("--images goes with a scene, and {} is a model", self.path.display())));
+            scene::describe(&self.path, &self.options(), self.html.as_deref())?
+        } else if let Some(option) = self.of_scenes() {
+            return Err(Error::Usage(format!("{option} goes with a scene, and {} is a model", self.path.display())));
         } else {
             model::describe(&self.path, &read(&self.path)?)?
         };

@@ -1,15 +1,98 @@
 //! Contents of a scene: views, cameras, points, skipped parts, and the split.
 
+use crate::gaussians::formats::{self, RenderMode};
 use crate::pipeline::Error;
 use crate::pipeline::effects;
-use crate::scene::{EVAL_EVERY, OpenOptions, Scene, View};
+use crate::scene::{EVAL_EVERY, OpenOptions, Scene, Split, View};
+use crate::view::alone::{self, PageOptions};
+use crate::view::capture;
+use crate::wording::counted;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The scene as one document; reads training photos to decide which effects they call for.
-pub(super) fn describe(path: &Path, options: &OpenOptions) -> Result<Value, Error> {
+/// Median distances of points from where a photo's pose shows them, in pixels and in medians of all photos, above which it does not fit.
+const MISFIT: (f64, f64) = (4.0, 4.0);
+
+/// Photos that a look at is worth.
+struct Doubts {
+    /// The median over photos of [`View::misfit`].
+    misfit: Option<f64>,
+    /// Photos whose pose does not fit the points, with their distance in pixels, worst first.
+    misfits: Vec<(String, f64)>,
+    /// Numbers of photos that points connect, the largest group first.
+    groups: Vec<usize>,
+    /// Photos outside the largest group.
+    apart: Vec<String>,
+}
+
+impl Doubts {
+    fn of(scene: &Scene) -> Self {
+        let mut fits: Vec<(String, f64)> = Vec::new();
+        for view in &scene.views {
+            if let Some(misfit) = view.misfit.filter(|_| fits.last().is_none_or(|(last, _)| last != view.photo_name()))
+            {
+                fits.push((view.photo_name().to_owned(), misfit));
+            }
+        }
+        fits.sort_by(|(_, a), (_, b)| b.total_cmp(a));
+        let misfit = fits.get(fits.len() / 2).map(|(_, px)| *px);
+        let limit = misfit.map_or(0.0, |middle| MISFIT.0.max(MISFIT.1 * middle));
+        let groups = scene.overlap().map(|overlap| overlap.groups).unwrap_or_default();
+        Self {
+            misfit,
+            misfits: fits.into_iter().filter(|(_, px)| *px > limit).collect(),
+            groups: groups.iter().map(Vec::len).collect(),
+            apart: groups.into_iter().skip(1).flatten().collect(),
+        }
+    }
+
+    /// What to do, in sentences.
+    fn advice(&self) -> Vec<String> {
+        let mut said = Vec::new();
+        let few = |names: &[&str]| {
+            let more = if names.len() > 5 { ", ..." } else { "" };
+            format!("{}{more}", names[..names.len().min(5)].join(", "))
+        };
+        if let Some(px) = self.misfit.filter(|px| *px > MISFIT.0) {
+            said.push(format!(
+                "poses and points disagree by {px:.1} px in the middle photo: do photos, cameras and points belong together?"
+            ));
+        }
+        if !self.misfits.is_empty() {
+            let names: Vec<&str> = self.misfits.iter().map(|(name, _)| name.as_str()).collect();
+            let photos = counted(names.len(), "photo");
+            said.push(format!(
+                "{photos} with a pose that does not fit the points: leave out, or pose again ({})",
+                few(&names)
+            ));
+        }
+        if !self.apart.is_empty() {
+            let names: Vec<&str> = self.apart.iter().map(String::as_str).collect();
+            let photos = counted(names.len(), "photo");
+            said.push(format!(
+                "{photos} without a point that others of the {} see: take photos between them, or leave them out ({})",
+                self.groups[0],
+                few(&names)
+            ));
+        }
+        said
+    }
+}
+
+/// A page with the scene's points and cameras: blue ones are trained on, orange ones held out, red ones worth a look.
+fn page(scene: &Scene, split: &Split, doubts: &Doubts, file: &Path) -> Result<(), Error> {
+    let marked = doubts.misfits.iter().map(|(name, _)| name).chain(&doubts.apart).map(String::as_str).collect();
+    let model = capture::model(scene, &split.test, &marked);
+    let title = scene.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let options = PageOptions { title, ..PageOptions::default() };
+    let page = alone::page(&model, RenderMode::default(), &options, file).map_err(Error::writing)?;
+    formats::write_atomically(file, |out| out.write_all(page.as_bytes())).map_err(Error::writing)
+}
+
+/// The scene as one document, and as a page if `html` names one; reads training photos to decide which effects they call for.
+pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) -> Result<Value, Error> {
     let scene = Scene::open(path, options)?;
     let mut sizes: BTreeMap<(u32, u32), usize> = BTreeMap::new();
     let mut cameras: BTreeMap<u32, (&View, usize)> = BTreeMap::new();
@@ -20,6 +103,10 @@ pub(super) fn describe(path: &Path, options: &OpenOptions) -> Result<Value, Erro
     let alpha = scene.views.par_iter().filter(|v| v.announces_alpha()).count();
     let split = scene.split(EVAL_EVERY);
     let errors: Vec<f32> = scene.points.iter().map(|p| p.error).filter(|e| *e > 0.0).collect();
+    let doubts = Doubts::of(&scene);
+    if let Some(file) = html {
+        page(&scene, &split, &doubts, file)?;
+    }
     let tracks: usize = scene.points.iter().map(|p| p.track.len()).sum();
     Ok(json!({
         "kind": "scene",
@@ -29,17 +116,23 @@ pub(super) fn describe(path: &Path, options: &OpenOptions) -> Result<Value, Erro
         "photos_present": scene.views.iter().filter(|v| v.photo_size.is_some()).count(),
         "photos_with_alpha": alpha,
         "masks": scene.views.iter().filter(|v| v.is_masked()).count(),
+        "depth_maps": scene.views.iter().filter(|v| v.depth.is_some()).count(),
         "sizes": sizes.iter().map(|((w, h), n)| json!({ "size": format!("{w}x{h}"), "views": n })).collect::<Vec<_>>(),
         "cameras": cameras.iter().map(|(id, (view, views))| camera(*id, view, *views)).collect::<Vec<_>>(),
         "points": scene.points.len(),
         "mean_track_length": mean(tracks as f64, scene.points.len()),
         "mean_reprojection_px": mean(errors.iter().map(|e| f64::from(*e)).sum(), errors.len()),
+        "misfit_px": doubts.misfit,
+        "misfits": doubts.misfits.iter().map(|(photo, px)| json!({ "photo": photo, "px": px })).collect::<Vec<_>>(),
+        "photo_groups": doubts.groups,
+        "apart": doubts.apart,
         "extent": scene.extent(&split.train),
         "near_plane": scene.near,
         "origin": scene.origin.to_array(),
         "train_views": split.train.len(),
         "test_views": split.test.len(),
         "skipped": scene.skipped.summary(),
+        "advice": doubts.advice(),
         "effects": effects::of_scene(&scene)?,
     }))
 }

@@ -97,6 +97,9 @@ pub struct RunConfig {
     /// What is nearer than this to straight down in a panorama is masked, in degrees.
     #[serde(default, skip_serializing_if = "is_none")]
     pub pole_mask: f64,
+    /// Folder of depth maps with the photos' names; the scene's own if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<PathBuf>,
     /// Key of all random numbers.
     pub seed: u32,
     /// Every n-th photo is held out; 0 holds none out.
@@ -158,6 +161,9 @@ pub struct Selection {
     /// What is nearer than this to straight down in a panorama is masked, in degrees.
     #[serde(default, skip_serializing_if = "is_none")]
     pub pole_mask: f64,
+    /// Folder of depth maps with the photos' names; the scene's own if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<PathBuf>,
     /// Every n-th photo is held out; 0 holds none out.
     pub eval_every: usize,
     /// Background colour; by the photos if absent.
@@ -175,6 +181,7 @@ impl RunConfig {
             images: None,
             resolution: None,
             pole_mask: 0.0,
+            depth: None,
             seed: 1,
             eval_every: 8,
             sh_degree: MAX_SH_DEGREE,
@@ -216,6 +223,7 @@ impl RunConfig {
             images: self.images.clone(),
             resolution: self.resolution.clone(),
             pole_mask: self.pole_mask,
+            depth: self.depth.clone(),
             eval_every: self.eval_every,
             background: self.background,
             effects: self.effects.clone(),

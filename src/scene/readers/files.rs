@@ -8,6 +8,9 @@ use super::tree::photo_names;
 use crate::scene::Error;
 use crate::scene::image_size::image_size;
 
+/// Extensions of depth maps; `render --depth` writes the first.
+const DEPTHS: [&str; 6] = ["depth.npy", "npy", "depth.png", "png", "exr", "tif"];
+
 /// The photo folder that the user names: within the scene, otherwise a path of its own.
 pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> {
     [root.join(asked), asked.to_owned()].into_iter().find(|p| p.is_dir()).ok_or_else(|| {
@@ -47,6 +50,17 @@ pub(super) fn appended(path: &Path, extension: &str) -> PathBuf {
     name.push(".");
     name.push(extension);
     PathBuf::from(name)
+}
+
+/// The depth map of a photo in a folder: with its name, or that of its file alone, and an extension of depth maps in place of its
+/// own or after it.
+pub(super) fn depth_map(folder: &Path, name: &str) -> Option<PathBuf> {
+    let last = name.rsplit('/').next().unwrap_or(name);
+    let bases = [name, last].map(|name| folder.join(name));
+    let candidates = bases.iter().flat_map(|base| {
+        DEPTHS.iter().flat_map(move |extension| [base.with_extension(extension), appended(base, extension)])
+    });
+    candidates.chain(bases.iter().cloned()).find(|path| path.is_file())
 }
 
 /// Width and height of the photo at `path`, if there is one with a legible header.

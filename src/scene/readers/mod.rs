@@ -50,6 +50,8 @@ struct ListedView {
     name: String,
     image: PathBuf,
     mask: Option<PathBuf>,
+    depth: Option<PathBuf>,
+    misfit: Option<f64>,
     lens: Lens,
     camera_id: u32,
     pose: (DMat3, DVec3),
@@ -167,6 +169,16 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     if let Some(folder) = &listing.photos {
         unposed(folder, &listed, &mut skipped);
     }
+    let mut listed = listed;
+    if let Some(asked) = &options.depth {
+        let folder = files::image_folder(&listing.root, asked)?;
+        for view in &mut listed {
+            view.depth = files::depth_map(&folder, &view.name);
+            if view.depth.is_none() {
+                skipped.missing_depths.add(&view.name);
+            }
+        }
+    }
     let mut numbered = finish(listed, &source, options)?;
     numbered.sort_by(|(_, a), (_, b)| a.name.cmp(&b.name));
     let mut numbers: HashMap<u32, Vec<u32>> = HashMap::new();
@@ -262,6 +274,8 @@ fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Resu
         let mut finished = View::new(view.name, lens, view.pose, ideal.pinhole);
         finished.image = view.image;
         finished.mask = view.mask;
+        finished.depth = view.depth;
+        finished.misfit = view.misfit;
         finished.camera_id = view.camera_id;
         finished.role = view.role;
         finished.photo_size = photo_size;

@@ -47,6 +47,7 @@ struct Frame {
     file_path: String,
     transform_matrix: Vec<Vec<f64>>,
     mask_path: Option<String>,
+    depth_file_path: Option<String>,
 }
 
 /// Fields of nerfstudio's file that concern all frames.
@@ -185,9 +186,12 @@ impl Reader<'_> {
             };
             let camera_id = self.camera_id(&lens);
             let mask = self.mask(&name, frame.mask_path.as_deref());
+            let depth = self.depth(frame.depth_file_path.as_deref());
             self.views.push(ListedView {
                 id: self.views.len() as u32,
                 mask,
+                misfit: None,
+                depth,
                 image: self.photo(&name, usual),
                 lens,
                 camera_id,
@@ -238,6 +242,17 @@ impl Reader<'_> {
         let images = self.images.clone().unwrap_or_else(|| self.root.join(first));
         let masks = self.masks.entry(images).or_insert_with_key(|images| Masks::of(self.root, images));
         masks.find(inner).or_else(|| masks.find(name))
+    }
+
+    /// The depth map that a frame names.
+    fn depth(&mut self, listed: Option<&str>) -> Option<PathBuf> {
+        let listed = listed?;
+        let map = self.root.join(tidy(listed));
+        if map.is_file() {
+            return Some(map);
+        }
+        self.skipped.missing_depths.add(listed);
+        None
     }
 
     /// The number of the physical camera: equal lenses share one.

@@ -3,8 +3,10 @@
 use std::collections::HashMap;
 use std::path::Path;
 
+use glam::DVec2;
+
 use super::super::files;
-use super::{CameraFault, Cameras, ImageRow, PointRow, add_camera, model_of};
+use super::{CameraFault, Cameras, ImageRow, Mark, PointRow, add_camera, model_of};
 use crate::scene::Error;
 use crate::scene::lens::Lens;
 
@@ -115,8 +117,8 @@ pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
     Ok(cameras)
 }
 
-/// images.bin; the 2D points are ignored.
-pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
+/// images.bin; its 2D points are kept if `marks` is set.
+pub(super) fn images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
     records::<_, String>(
         path,
         "image",
@@ -128,11 +130,19 @@ pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
             let camera_id = cursor.u32()?;
             let name = cursor.name()?;
             let points = cursor.count(24)?;
-            cursor.take(24 * points)?;
-            rows.push(ImageRow { id, quaternion, translation, camera_id, name });
+            let points = cursor.take(24 * points)?.as_chunks::<24>().0;
+            let marks = points.iter().filter(|_| marks).filter_map(mark).collect();
+            rows.push(ImageRow { id, quaternion, translation, camera_id, name, marks });
             Ok(())
         },
     )
+}
+
+/// A 2D point, if it names a point of the world: others have -1.
+fn mark(bytes: &[u8; 24]) -> Option<Mark> {
+    let [x, y, id] = std::array::from_fn(|i| std::array::from_fn(|k| bytes[8 * i + k]));
+    let id = u64::from_le_bytes(id);
+    (id != u64::MAX).then(|| (DVec2::new(f64::from_le_bytes(x), f64::from_le_bytes(y)), id))
 }
 
 /// points3D.bin.
@@ -143,14 +153,14 @@ pub(super) fn points(path: &Path) -> Result<Vec<PointRow>, Error> {
         51,
         |what, r| Error::malformed(path, r, what),
         |cursor, rows| {
-            cursor.u64()?; // the point's id
+            let id = cursor.u64()?;
             let position = cursor.f64s()?;
             let colour = cursor.array()?;
             let [error] = cursor.f64s()?;
             let seen = cursor.count(8)?;
             let track = cursor.take(8 * seen)?.as_chunks::<8>().0; // image id, index of the 2D point
             let track = track.iter().map(|&[a, b, c, d, ..]| u32::from_le_bytes([a, b, c, d])).collect();
-            rows.push(PointRow { position, colour, error, track });
+            rows.push(PointRow { id, position, colour, error, track });
             Ok(())
         },
     )

@@ -6,7 +6,7 @@ mod text;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
+use glam::{DMat3, DVec2, DVec3};
 
 use super::masks::Masks;
 use super::names::{self, Lookup};
@@ -19,17 +19,23 @@ use crate::wording::counted;
 /// Cameras by COLMAP's ids.
 type Cameras = HashMap<u32, Lens>;
 
-/// A row of images.bin or images.txt without its 2D points.
+/// A pixel of a photo, and the id of the point seen there.
+type Mark = (DVec2, u64);
+
+/// A row of images.bin or images.txt.
 struct ImageRow {
     id: u32,
     quaternion: [f64; 4],
     translation: [f64; 3],
     camera_id: u32,
     name: String,
+    /// Its 2D points that name a point, if they were asked for.
+    marks: Vec<Mark>,
 }
 
 /// A row of points3D.bin or points3D.txt; the track names images by id.
 struct PointRow {
+    id: u64,
     position: [f64; 3],
     colour: [u8; 3],
     error: f64,
@@ -70,7 +76,7 @@ pub(super) fn largest(sparse: &Path) -> Option<(PathBuf, Option<String>)> {
 /// The number of a model's images; 0 if its file cannot be read.
 fn images_of(model: &Path) -> usize {
     let file = |extension: &str| model.join("images").with_extension(extension);
-    let rows = if has(model, "bin") { binary::images(&file("bin")) } else { text::images(&file("txt")) };
+    let rows = if has(model, "bin") { binary::images(&file("bin"), false) } else { text::images(&file("txt"), false) };
     rows.map_or(0, |rows| rows.len())
 }
 
@@ -81,9 +87,9 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     let file = |name: &str| model.join(name).with_extension(extension);
     let (cameras_file, source, points_file) = (file("cameras"), file("images"), file("points3D"));
     let (cameras, rows) = if binary {
-        (binary::cameras(&cameras_file)?, binary::images(&source)?)
+        (binary::cameras(&cameras_file)?, binary::images(&source, options.check)?)
     } else {
-        (text::cameras(&cameras_file)?, text::images(&source)?)
+        (text::cameras(&cameras_file)?, text::images(&source, options.check)?)
     };
     let points = match (points_file.is_file(), binary) {
         (false, _) => Vec::new(), // cameras alone can be rendered; training then starts from random points
@@ -96,6 +102,11 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     let (masks, lookup) = (Masks::of(&root, &images), Lookup::of(&images));
     let mut skipped = Skipped::default();
     let mut taken: HashSet<String> = rows.iter().map(|row| row.name.clone()).collect();
+    let places: HashMap<u64, DVec3> = if options.check {
+        points.iter().map(|row| (row.id, DVec3::from_array(row.position))).collect()
+    } else {
+        HashMap::new()
+    };
     let mut views = Vec::with_capacity(rows.len());
     for row in rows {
         let Some(&lens) = cameras.get(&row.camera_id) else {
@@ -109,6 +120,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             skipped.bad_poses.add(&row.name);
             continue;
         };
+        let misfit = misfit(&lens, pose, &row.marks, &places);
         let mut image = files::find_photo(&[images.join(&row.name)]);
         let mut name = row.name;
         if !image.is_file() {
@@ -121,6 +133,8 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             id: row.id,
             image,
             mask: masks.find(&name),
+            depth: None,
+            misfit,
             name,
             lens,
             camera_id: row.camera_id,
@@ -145,6 +159,26 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     let kind = if binary { SceneKind::ColmapBinary } else { SceneKind::ColmapText };
     let photos = options.images.is_none().then_some(images);
     Ok(Listing { kind, root, source, views, points: kept, skipped, photos })
+}
+
+/// The median distance in pixels between a photo's 2D points and where its pose and lens show their points; a point behind the
+/// camera is as far off as the picture is wide.
+fn misfit(lens: &Lens, pose: (DMat3, DVec3), marks: &[Mark], places: &HashMap<u64, DVec3>) -> Option<f64> {
+    let off = |(pixel, id): &Mark| {
+        let p = pose.0 * *places.get(id)? + pose.1;
+        let shown = if lens.model == LensModel::Equirectangular {
+            lens.pixel_of(p)
+        } else if p.z > 0.0 {
+            lens.project(p.truncate() / p.z)
+        } else {
+            DVec2::NAN
+        };
+        let off = shown.distance(*pixel);
+        Some(if off.is_finite() { off } else { f64::from(lens.width) })
+    };
+    let mut all: Vec<f64> = marks.iter().filter_map(off).collect();
+    let middle = all.len() / 2;
+    (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// The scene of a model folder given by itself: the folder or the nearest of its three parents with photos.

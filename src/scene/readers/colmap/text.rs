@@ -4,8 +4,10 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::str::FromStr;
 
+use glam::DVec2;
+
 use super::super::files;
-use super::{CameraFault, Cameras, ImageRow, PointRow, add_camera};
+use super::{CameraFault, Cameras, ImageRow, Mark, PointRow, add_camera};
 use crate::scene::Error;
 use crate::scene::lens::{Lens, LensModel};
 
@@ -73,8 +75,8 @@ fn camera(line: &str, cameras: &mut Cameras) -> Result<(), CameraFault> {
     Ok(add_camera(cameras, id, Lens::from_colmap(model, width, height, &parameters)?)?)
 }
 
-/// images.txt: each image takes two lines; the second, its 2D points, is ignored.
-pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
+/// images.txt: each image takes two lines; the second, its 2D points, is kept if `marks` is set.
+pub(super) fn images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
     let text = files::read_text(path)?;
     let mut rows = Vec::new();
     let mut all = text.lines().enumerate();
@@ -83,7 +85,7 @@ pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
             continue;
         }
         let fault = |what: String| Error::malformed(path, format!("line {}", i + 1), what);
-        rows.push(image(line).map_err(fault)?);
+        let mut row = image(line).map_err(fault)?;
         let points = all.next().map_or("", |(_, line)| line);
         // If the writer forgot these lines, every other image would be lost silently.
         if !is_points(points) {
@@ -91,8 +93,19 @@ pub(super) fn images(path: &Path) -> Result<Vec<ImageRow>, Error> {
                         be empty";
             return Err(Error::malformed(path, format!("line {}", i + 2), what));
         }
+        if marks {
+            row.marks = marks_of(points);
+        }
+        rows.push(row);
     }
     Ok(rows)
+}
+
+/// Those of the triples that name a point.
+fn marks_of(line: &str) -> Vec<Mark> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let mark = |t: &[&str]| Some((DVec2::new(t[0].parse().ok()?, t[1].parse().ok()?), t[2].parse::<u64>().ok()?));
+    words.chunks_exact(3).filter_map(mark).collect()
 }
 
 /// True for triples of two numbers and an index; the names of other images may have as many words.
@@ -112,7 +125,7 @@ fn image(line: &str) -> Result<ImageRow, String> {
     if name.is_empty() {
         return Err("ends before its name (field 10)".to_owned());
     }
-    Ok(ImageRow { id, quaternion, translation, camera_id, name })
+    Ok(ImageRow { id, quaternion, translation, camera_id, name, marks: Vec::new() })
 }
 
 /// points3D.txt.
@@ -125,7 +138,7 @@ pub(super) fn points(path: &Path) -> Result<Vec<PointRow>, Error> {
 
 fn point(line: &str) -> Result<PointRow, String> {
     let mut fields = Fields::new(line);
-    fields.value::<u64>("point id")?;
+    let id = fields.value("point id")?;
     let position = fields.values("position")?;
     let colour = [fields.value("red")?, fields.value("green")?, fields.value("blue")?];
     let error = fields.value("error")?;
@@ -134,5 +147,5 @@ fn point(line: &str) -> Result<PointRow, String> {
         track.push(fields.value("track's image id")?);
         fields.value::<i64>("track's 2D point index")?;
     }
-    Ok(PointRow { position, colour, error, track })
+    Ok(PointRow { id, position, colour, error, track })
 }
