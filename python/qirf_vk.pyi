@@ -61,15 +61,16 @@ class Model:
         sh: Union[Sequence[ArrayLike], ArrayLike],
         *,
         antialiased: bool = False,
+        origin: Vector = (0.0, 0.0, 0.0),
     ) -> Model:
         """Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
 
         means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
-        (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3.
+        (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see there.
         """
 
     def save(self, path: Path) -> None:
-        """Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, whole or not at all."""
+        """Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, whole or not at all; an origin goes to georeference.json beside it."""
 
     @property
     def means(self) -> NDArray[np.float32]:
@@ -98,6 +99,10 @@ class Model:
     @property
     def antialiased(self) -> bool:
         """True if it has to be drawn with anti-aliasing."""
+
+    @property
+    def origin(self) -> tuple[float, float, float]:
+        """Where the means count from in the world: (0, 0, 0) but for models far from there, such as those of maps. Edits keep it."""
 
     def __len__(self) -> int: ...
     def transform(self, matrix: ArrayLike) -> Model:
@@ -137,7 +142,7 @@ class Model:
         """The Gaussians of a mask (n,) of bools, or of these numbers, in their order."""
 
 def merge(models: Sequence[Model]) -> Model:
-    """All Gaussians of several models, one model after the other; bands that one lacks are zero."""
+    """All Gaussians of several models, one model after the other; bands that one lacks are zero. Means count from the first one's origin."""
 
 class Camera:
     """A pinhole camera, as COLMAP and OpenCV have it."""

@@ -5,7 +5,7 @@ use crate::device::{Device, or_usual};
 use crate::errors::wrong;
 use crate::model::Model;
 use crate::watch::Follower;
-use engine::gaussians::{Gaussians, formats};
+use engine::gaussians::formats;
 use engine::metrics::Networks;
 use engine::pipeline::compress::aim::Aim;
 use engine::pipeline::compress::fit::Target;
@@ -39,9 +39,8 @@ pub fn compress<'py>(
     device: Option<&Bound<'py, Device>>,
     on_progress: Option<Py<PyAny>>,
 ) -> PyResult<(Model, Bound<'py, PyAny>)> {
-    let Model { inner, mode } = model.get();
-    let (inner, mode) = (inner.clone(), *mode);
-    let mut config = CompressConfig { style: Style::of(mode), fine_tune, seed, ..CompressConfig::default() };
+    let model = model.get();
+    let mut config = CompressConfig { style: Style::of(model.mode), fine_tune, seed, ..CompressConfig::default() };
     config.compression = CompressConfig::rule(fine_tune);
     if let Some(selector) = selector {
         config.compression.selector =
@@ -62,9 +61,9 @@ pub fn compress<'py>(
     let usual = VirtualCameras::default();
     let cameras =
         VirtualCameras { views: views.unwrap_or(usual.views), size: picture_size.unwrap_or(usual.size), ..usual };
-    config.views = match scene {
+    config.views = match &scene {
         Some(scene) => {
-            ViewSource::Photos(RunConfig { resolution, ..RunConfig::of(scene, Default::default()) }.selection())
+            ViewSource::Photos(RunConfig { resolution, ..RunConfig::of(scene.clone(), Default::default()) }.selection())
         }
         None if resolution.is_some() => {
             return Err(wrong("resolution is that of a scene's photos; without a scene, picture_size"));
@@ -81,13 +80,17 @@ pub fn compress<'py>(
     let done = py.detach(|| -> Result<_, Error> {
         let networks = Networks::default();
         let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
-        let model = Gaussians::clone(&inner);
-        let Some(output) = &output else { return engine_compress::compress_in_memory(&session, model, &config) };
+        let (input, origin) = model.placed(scene.as_deref())?;
+        let Some(output) = &output else {
+            let (record, smaller) = engine_compress::compress_in_memory(&session, input, &config)?;
+            return Ok((record, Model { origin, ..model.like(smaller) }));
+        };
         formats::check_output(output).map_err(Error::writing)?;
-        let input = Input { path: Path::new(""), model, read_s: 0.0 };
-        let record = engine_compress::compress_to(&session, input, (&config, aim), &Target::new(output))?;
-        Ok((record, formats::read(output)?.gaussians))
+        let input = Input { path: Path::new(""), model: input, read_s: 0.0 };
+        let target = Target { origin, ..Target::new(output) };
+        let record = engine_compress::compress_to(&session, input, (&config, aim), &target)?;
+        Ok((record, Model { origin, ..model.like(formats::read(output)?.gaussians) }))
     });
     let (record, smaller) = follower.result(done)?;
-    Ok((Model::new(smaller, mode), dictionary(py, &record)?))
+    Ok((smaller, dictionary(py, &record)?))
 }

@@ -13,7 +13,7 @@ impl Model {
             let mut model = Gaussians::clone(&self.inner);
             edit.apply(&mut model).map(|_| model)
         });
-        Ok(Self::new(edited.map_err(|e| raised(engine::pipeline::Error::from(e)))?, self.mode))
+        Ok(self.like(edited.map_err(|e| raised(engine::pipeline::Error::from(e)))?))
     }
 
     fn transformed(&self, py: Python<'_>, map: Result<Similarity, engine::edit::Error>) -> PyResult<Self> {
@@ -109,22 +109,26 @@ impl Model {
         if let Some(beyond) = indices.iter().find(|i| **i >= n) {
             return Err(wrong(format!("there is no Gaussian {beyond} among {n}")));
         }
-        Ok(Self::new(py.detach(|| self.inner.select(&indices)), self.mode))
+        Ok(self.like(py.detach(|| self.inner.select(&indices))))
     }
 }
 
-/// All Gaussians of several models, one model after the other.
+/// All Gaussians of several models, one model after the other; means count from where the first one's do.
 #[pyfunction]
 pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
-    let models: Vec<_> = models.iter().map(|model| (model.get().inner.clone(), model.get().mode)).collect();
-    let Some((_, mode)) = models.first().cloned() else { return Err(wrong("there is no model to merge")) };
-    if models.iter().any(|(_, other)| *other != mode) {
+    let models: Vec<&Model> = models.iter().map(Bound::get).collect();
+    let Some(first) = models.first() else { return Err(wrong("there is no model to merge")) };
+    if models.iter().any(|other| other.mode != first.mode) {
         return Err(wrong("anti-aliased models and others cannot be one: they are drawn differently"));
     }
     let merged = py.detach(|| {
         let mut all = Gaussians::default();
-        models.iter().for_each(|(model, _)| all.append(model));
+        for model in &models {
+            let mut moved = Gaussians::clone(&model.inner);
+            moved.shift(DVec3::from(model.origin) - DVec3::from(first.origin));
+            all.append(&moved);
+        }
         all
     });
-    Ok(Model::new(merged, mode))
+    Ok(first.like(merged))
 }

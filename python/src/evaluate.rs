@@ -5,6 +5,8 @@ use crate::device::{Device, or_usual};
 use crate::errors::wrong;
 use crate::model::Model;
 use crate::watch::Follower;
+use engine::gaussians::Gaussians;
+use engine::glam::DVec3;
 use engine::metrics::Networks;
 use engine::pipeline::eval::{self, Evaluation};
 use engine::pipeline::{Error, RunConfig, Session};
@@ -26,9 +28,8 @@ pub fn evaluate<'py>(
     device: Option<&Bound<'py, Device>>,
     on_progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let of = |model: &Bound<'_, Model>| (model.get().inner.clone(), Style::of(model.get().mode));
-    let (model, style) = of(model);
-    let original = against.map(of);
+    let (model, original) = (model.get(), against.map(Bound::get));
+    let style = Style::of(model.mode);
     let device = or_usual(py, device)?;
     let follower = Follower::new(None, on_progress);
     let networks = Networks::find(None).map_err(|e| crate::errors::raised(Error::from(e)))?;
@@ -38,13 +39,20 @@ pub fn evaluate<'py>(
             let usual = RunConfig::of(scene, Default::default());
             let selection = RunConfig { resolution, eval_every, background, ..usual }.selection();
             let evaluation = Evaluation { selection, style, exposure: false };
-            let record = py.detach(|| eval::eval(&session, Path::new(""), &model, &evaluation, None));
+            let record = py.detach(|| {
+                let (model, _) = model.placed(Some(&evaluation.selection.scene))?;
+                eval::eval(&session, Path::new(""), &model, &evaluation, None)
+            });
             dictionary(py, &follower.result(record)?)
         }
-        (None, Some((original, theirs))) => {
+        (None, Some(original)) => {
             let background = background.unwrap_or([0.0; 3]);
-            let pair = [(&*model, style), (&*original, theirs)];
-            let held_out = follower.result(py.detach(|| eval::against(&session, pair, background)))?;
+            let held_out = py.detach(|| {
+                let mut moved = Gaussians::clone(&model.inner);
+                moved.shift(DVec3::from(model.origin) - DVec3::from(original.origin));
+                eval::against(&session, [(&moved, style), (&original.inner, Style::of(original.mode))], background)
+            });
+            let held_out = follower.result(held_out)?;
             let record = serde_json::json!({ "test": held_out.mean(), "views": held_out.views });
             dictionary(py, &record)
         }

@@ -2,12 +2,14 @@
 
 use crate::arrays::{borrowed, floats, rows};
 use crate::errors::{raised, wrong};
-use engine::gaussians::formats::{self, RenderMode};
+use engine::gaussians::formats::{self, Loaded, RenderMode};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
+use engine::pipeline::Error;
+use engine::pipeline::place::place;
 use numpy::ndarray::{ArrayView, Dimension, IntoDimension};
 use numpy::{PyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A 3DGS model on the host, which never changes: edits make new ones.
@@ -15,11 +17,22 @@ use std::sync::Arc;
 pub struct Model {
     pub(crate) inner: Arc<Gaussians>,
     pub(crate) mode: RenderMode,
+    pub(crate) origin: [f64; 3],
 }
 
 impl Model {
-    pub(crate) fn new(model: Gaussians, mode: RenderMode) -> Self {
-        Self { inner: Arc::new(model), mode }
+    /// These Gaussians, drawn alike and in the same place of the world.
+    pub(crate) fn like(&self, model: Gaussians) -> Self {
+        Self { inner: Arc::new(model), ..*self }
+    }
+
+    /// A copy of the Gaussians whose means count from where a scene's coordinates do, and that place.
+    pub(crate) fn placed(&self, scene: Option<&Path>) -> Result<(Gaussians, [f64; 3]), Error> {
+        let (mut model, mut origin) = (Gaussians::clone(&self.inner), self.origin);
+        if let Some(scene) = scene {
+            place(&mut model, &mut origin, (scene, None))?;
+        }
+        Ok((model, origin))
     }
 
     /// A read-only array over numbers of a model.
@@ -32,6 +45,12 @@ impl Model {
         let view = ArrayView::from_shape(shape.into_dimension(), numbers).map_err(|e| wrong(e.to_string()))?;
         // SAFETY: the numbers are those of the model's arrays, which belong to `this`, a frozen object that never changes them.
         unsafe { borrowed(view, this.clone().into_any()) }
+    }
+}
+
+impl From<Loaded> for Model {
+    fn from(Loaded { gaussians, mode, origin, .. }: Loaded) -> Self {
+        Self { inner: Arc::new(gaussians), mode, origin }
     }
 }
 
@@ -68,13 +87,13 @@ impl Model {
     /// Reads a model: .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let loaded = py.detach(|| formats::read(&path)).map_err(|e| raised(engine::pipeline::Error::from(e)))?;
-        Ok(Self::new(loaded.gaussians, loaded.mode))
+        let loaded = py.detach(|| formats::read(&path)).map_err(|e| raised(Error::from(e)))?;
+        Ok(loaded.into())
     }
 
     /// A model from copies of arrays, checked.
     #[staticmethod]
-    #[pyo3(signature = (means, log_scales, rotations, opacity_logits, sh, *, antialiased=false))]
+    #[pyo3(signature = (means, log_scales, rotations, opacity_logits, sh, *, antialiased=false, origin=[0.0; 3]))]
     fn from_arrays(
         means: &Bound<'_, PyAny>,
         log_scales: &Bound<'_, PyAny>,
@@ -82,7 +101,11 @@ impl Model {
         opacity_logits: &Bound<'_, PyAny>,
         sh: &Bound<'_, PyAny>,
         antialiased: bool,
+        origin: [f64; 3],
     ) -> PyResult<Self> {
+        if origin.iter().any(|x| !x.is_finite()) {
+            return Err(wrong("origin should be three finite numbers"));
+        }
         let means = rows(means, "means")?;
         let (shape, opacity_logits) = floats(opacity_logits, "opacity_logits")?;
         if shape != [means.len()] {
@@ -95,14 +118,14 @@ impl Model {
             sh: bands(sh, means.len())?,
             means,
         };
-        let model = model.checked().map_err(|e| raised(engine::pipeline::Error::from(e)))?;
-        Ok(Self::new(model, RenderMode::of(antialiased)))
+        let model = model.checked().map_err(|e| raised(Error::from(e)))?;
+        Ok(Self { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
     }
 
     /// Writes the model, whole or not at all; the name decides on the format.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| formats::write(&path, &self.inner, self.mode))
-            .map_err(|e| raised(engine::pipeline::Error::writing(e)))
+        py.detach(|| formats::write_at(&path, &self.inner, self.mode, self.origin))
+            .map_err(|e| raised(Error::writing(e)))
     }
 
     /// Centres in world units, (n, 3).
@@ -150,6 +173,12 @@ impl Model {
     #[getter]
     fn antialiased(&self) -> bool {
         self.mode.antialiased()
+    }
+
+    /// Where the means count from in the world, x, y, z.
+    #[getter]
+    fn origin(&self) -> (f64, f64, f64) {
+        self.origin.into()
     }
 
     fn __len__(&self) -> usize {

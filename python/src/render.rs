@@ -227,7 +227,7 @@ impl Renderer {
         background: [f32; 3],
     ) -> PyResult<Self> {
         let device = or_usual(py, device)?;
-        let Model { inner: model, mode } = model.get();
+        let Model { inner: model, mode, .. } = model.get();
         let (model, style) = (model.clone(), Style::of(*mode));
         let resident = py.detach(|| {
             let place = budget::for_pictures(&device, &model, [1280, 720], style)?;

@@ -106,7 +106,7 @@ pub fn train(
     let log: Vec<Value> =
         log.lines().map(serde_json::from_str).collect::<Result<_, _>>().map_err(|e| wrong(e.to_string()))?;
     Ok(Run {
-        model: Py::new(py, Model::new(loaded.gaussians, loaded.mode))?,
+        model: Py::new(py, Model::from(loaded))?,
         record: dictionary(py, &record)?.unbind(),
         log: dictionary(py, &log)?.unbind(),
         folder: output,

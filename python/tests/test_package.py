@@ -72,6 +72,25 @@ def test_save_and_from_arrays_keep_every_byte(ring, tmp_path):
     assert (tmp_path / "model.spz").read_bytes() == (tmp_path / "program.spz").read_bytes()
 
 
+def test_models_far_from_the_origin_keep_their_place(ring, tmp_path):
+    place = (500_000.0, 4_100_000.0, 30.0)
+    far = qirf_vk.Model.from_arrays(*arrays(ring), origin=place)
+    far.save(tmp_path / "far.ply")
+    assert json.loads((tmp_path / "georeference.json").read_text())["origin"] == list(place)
+    again = qirf_vk.Model.load(tmp_path / "far.ply")
+    assert again.origin == place == again.move_by((1, 0, 0)).origin and ring.origin == (0, 0, 0)
+    assert (again.means == ring.means).all()
+    near = qirf_vk.Model.from_arrays(*arrays(ring), origin=(place[0] + 2, *place[1:]))
+    both = qirf_vk.merge([far, near])
+    assert both.origin == place and np.allclose(both.means[len(ring):], ring.means + [2, 0, 0])
+    small, _ = qirf_vk.compress(far, 0.5, views=4, picture_size=(48, 48))
+    program("compress", tmp_path / "far.ply", "-o", tmp_path / "small.ply", "--keep", 0.5, "--views", 4, "--size", "48x48")
+    small.save(tmp_path / "python.ply")
+    assert small.origin == place and (tmp_path / "python.ply").read_bytes() == (tmp_path / "small.ply").read_bytes()
+    with pytest.raises(ValueError, match="origin"):
+        qirf_vk.Model.from_arrays(*arrays(ring), origin=(np.nan, 0, 0))
+
+
 def test_wrong_arrays_are_named(ring):
     means, scales, rotations, logits, sh = arrays(ring)
     make = qirf_vk.Model.from_arrays

@@ -3,7 +3,7 @@
 use super::compression::CompressArgs;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
-use super::inspect::{place, read_model};
+use super::inspect::read_model;
 use super::scratch::Scratch;
 use super::show::Show;
 use super::values;
@@ -17,6 +17,7 @@ use crate::pipeline::compress::curve::{CurvePlan, curve};
 use crate::pipeline::compress::fit::{self, Target};
 use crate::pipeline::compress::peer::Peer;
 use crate::pipeline::compress::{self, Input};
+use crate::pipeline::place::place;
 use crate::pipeline::records::{AimRecord, CompressRecord, ModelFile, StageScores, Truth};
 use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
@@ -104,7 +105,7 @@ impl Arguments {
         let mut loaded = read_model(&self.model, console)?;
         let read_s = reading.elapsed().as_secs_f64();
         if let Some((scene, images)) = self.options.scene() {
-            place(&mut loaded, scene, images)?;
+            place(&mut loaded.gaussians, &mut loaded.origin, (scene, images))?;
         }
         let device = global.open_with(self.memory_budget)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
@@ -119,7 +120,8 @@ impl Arguments {
             ..Session::new(&device, &networks)
         };
         let config = self.options.configuration(style, self.fine_tune)?;
-        let target = Target { precision: self.sh_bits.map(Precision::Spz), ..Target::new(&self.output) };
+        let precision = self.sh_bits.map(Precision::Spz);
+        let target = Target { precision, origin: loaded.origin, ..Target::new(&self.output) };
         let subject = || view::of_compression(&config, &input.model, &self.output, console);
         let subject = self.watched.view.then(subject).transpose()?;
         let figures = self.watched.during(&session, console, subject, |session| {

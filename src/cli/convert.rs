@@ -126,6 +126,7 @@ impl Arguments {
             spz: if is_page { SpzVersion::Three } else { self.spz_version },
             precision: self.sh_bits.map(Precision::Spz),
             wrap: if is_page { Some(&wrap) } else { None },
+            origin: loaded.origin,
         };
         if let Some((size, session)) = self.size.zip(session.as_ref()) {
             return self.write_within(session, loaded, (&target, size), console);
@@ -134,9 +135,7 @@ impl Arguments {
             formats::write_at(&self.output, &loaded.gaussians, loaded.mode, loaded.origin).map_err(Error::writing)?;
             String::new()
         } else {
-            let cost = write_measured(session.as_ref(), &loaded, &target, console)?;
-            formats::georeference(&self.output, loaded.origin).map_err(Error::writing)?;
-            cost
+            write_measured(session.as_ref(), &loaded, &target, console)?
         };
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
@@ -161,9 +160,7 @@ impl Arguments {
             console.note(format_args!("coordinates count from {x},{y},{z}; georeference.json says so, too"));
             return loaded;
         }
-        for m in &mut loaded.gaussians.means {
-            *m = (DVec3::from(m.map(f64::from)) + DVec3::new(x, y, z)).as_vec3().to_array();
-        }
+        loaded.gaussians.shift(DVec3::new(x, y, z));
         loaded.origin = [0.0; 3];
         console.warn(format_args!(
             "float32 rounds coordinates so far from the origin; without --origin keep they stay exact"

@@ -1,7 +1,7 @@
 //! `qirf-vk eval MODEL SCENE`, `qirf-vk eval MODEL --against MODEL`.
 
 use super::console::Console;
-use super::inspect::{place, read_model};
+use super::inspect::read_model;
 use super::scratch::Scratch;
 use super::show::Show;
 use super::style;
@@ -12,6 +12,7 @@ use crate::gaussians::formats::Loaded;
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
 use crate::pipeline::eval::{self, Evaluation};
+use crate::pipeline::place::place;
 use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::pipeline::{Output, RunConfig, Selection, Session, host_bytes};
 use crate::render::Style;
@@ -100,7 +101,8 @@ impl Arguments {
         }
         let mut loaded = read_model(&self.model, console)?;
         let evaluation = self.evaluation(&loaded, console)?;
-        place(&mut loaded, &evaluation.selection.scene, evaluation.selection.images.as_deref())?;
+        let selection = &evaluation.selection;
+        place(&mut loaded.gaussians, &mut loaded.origin, (&selection.scene, selection.images.as_deref()))?;
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;

@@ -2,7 +2,7 @@
 
 use super::Global;
 use super::console::Console;
-use super::inspect::{place, read_model};
+use super::inspect::read_model;
 use super::show::Show;
 use super::style;
 use super::values::{self, Up};
@@ -15,6 +15,7 @@ use crate::pipeline::depth;
 use crate::pipeline::evaluate::pictures::Format;
 use crate::pipeline::film::film;
 use crate::pipeline::panorama::{self, Panorama};
+use crate::pipeline::place::place;
 use crate::pipeline::prepare::refuse_photo_folders;
 use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, near_at, render, scene_shots};
 use crate::scene::camera::{self, Camera};
@@ -119,7 +120,7 @@ impl Arguments {
         self.check()?;
         let mut loaded = read_model(&self.model, console)?;
         if let Some(scene) = &self.scene {
-            place(&mut loaded, scene, self.images.as_deref())?;
+            place(&mut loaded.gaussians, &mut loaded.origin, (scene, self.images.as_deref()))?;
         }
         let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
         let model = loaded.gaussians;

@@ -274,5 +274,7 @@ fn pack(session: &Session<'_>, config: &RunConfig, output: &Output, size: u64) -
     let views = ViewSource::Photos(config.selection());
     let config = CompressConfig { views, style: Style::of(loaded.mode), ..CompressConfig::default() };
     let input = Input { path: &path, model: loaded.gaussians, read_s: 0.0 };
-    compress_to(session, input, (&config, Some(Aim::Bytes(size))), &Target::new(&output.packed()))
+    let packed = output.packed();
+    let target = Target { origin: loaded.origin, ..Target::new(&packed) };
+    compress_to(session, input, (&config, Some(Aim::Bytes(size))), &target)
 }

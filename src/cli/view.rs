@@ -2,7 +2,7 @@
 
 use super::Global;
 use super::console::Console;
-use super::inspect::{is_run, is_scene, place_in, read_model};
+use super::inspect::{is_run, is_scene, read_model};
 use super::interrupt::Watch;
 use super::style;
 use super::values::{self, Up};
@@ -11,6 +11,7 @@ use crate::gaussians::outline::outline;
 use crate::pipeline::Error;
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::diagnostics::Diagnostics;
+use crate::pipeline::place::place_in;
 use crate::pipeline::records::ViewScores;
 use crate::pipeline::{RunConfig, Selection, Session};
 use crate::render::Style;
@@ -210,7 +211,7 @@ impl Arguments {
     ) -> Result<Model, Error> {
         let mut loaded = read_model(path, console)?;
         if let Some(capture) = capture {
-            place_in(&mut loaded, &capture.scene);
+            place_in(&mut loaded.gaussians, &mut loaded.origin, &capture.scene);
         }
         let style = self.rendering.style(path, &loaded, run, console);
         Ok(Model { name: name(path), gaussians: loaded.gaussians, style, facts: None })

@@ -2,6 +2,8 @@
 
 use std::borrow::Cow;
 
+use glam::DVec3;
+
 use super::{Attributes, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
 
 impl Gaussians {
@@ -21,6 +23,13 @@ impl Gaussians {
         };
         let bands = self.sh.len();
         Self::of_attributes(self.attributes().zip(Attributes::widths_of_bands(bands)).map(picked), bands)
+    }
+
+    /// Moves all means, in world units.
+    pub fn shift(&mut self, by: DVec3) {
+        if by != DVec3::ZERO {
+            self.means.iter_mut().for_each(|m| *m = (DVec3::from(m.map(f64::from)) + by).as_vec3().to_array());
+        }
     }
 
     /// The model with all lengths times `factor`.

@@ -22,6 +22,7 @@ pub mod kernels;
 pub mod output;
 pub mod pair_capacity;
 pub mod panorama;
+pub mod place;
 pub mod prepare;
 pub mod prune;
 pub mod records;

@@ -20,6 +20,7 @@ use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Selection, Session};
 use crate::scene::{EVAL_EVERY, OpenOptions, Scene};
 use crate::wording::counted;
+use glam::DVec3;
 use operations::{Asked, Operation, Operations};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -201,12 +202,7 @@ fn tell(console: &Console, step: &Step, model: &Gaussians) -> Result<(), Error> 
 fn same_origin(models: &mut [(PathBuf, Loaded)]) -> [f64; 3] {
     let origin = models.first().map_or([0.0; 3], |(_, first)| first.origin);
     for (_, loaded) in models {
-        let by: Vec<f64> = loaded.origin.iter().zip(origin).map(|(own, first)| own - first).collect();
-        if by.iter().any(|d| *d != 0.0) {
-            for m in &mut loaded.gaussians.means {
-                m.iter_mut().zip(&by).for_each(|(v, d)| *v = (f64::from(*v) + d) as f32);
-            }
-        }
+        loaded.gaussians.shift(DVec3::from(loaded.origin) - DVec3::from(origin));
     }
     origin
 }

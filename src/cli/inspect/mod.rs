@@ -7,8 +7,6 @@ use super::console::Console;
 use super::values;
 use crate::gaussians::formats::{self, Loaded};
 use crate::pipeline::Error;
-use crate::scene::{OpenOptions, Scene, origin};
-use glam::DVec3;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -110,39 +108,6 @@ pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error
         console.warn(format_args!("{}: it holds no Gaussian", path.display()));
     }
     Ok(loaded)
-}
-
-/// Lets the means of a model count from where the coordinates of a scene do.
-pub(super) fn place(loaded: &mut Loaded, scene: &Path, images: Option<&Path>) -> Result<(), Error> {
-    let near = loaded.origin == [0.0; 3] && origin::near(mean(loaded), 1.0) == DVec3::ZERO;
-    if !near {
-        place_in(
-            loaded,
-            &Scene::open(
-                scene,
-                &OpenOptions { images: images.map(Path::to_owned), undistort: None, ..OpenOptions::default() },
-            )?,
-        );
-    }
-    Ok(())
-}
-
-/// As [`place`]. A model whose file names no place of its own lies in the world if that brings it nearer to the scene.
-pub(super) fn place_in(loaded: &mut Loaded, scene: &Scene) {
-    let (own, mean) = (DVec3::from(loaded.origin), mean(loaded));
-    let in_world = own != DVec3::ZERO || mean.distance(scene.origin) < mean.length();
-    if in_world && own != scene.origin {
-        for m in &mut loaded.gaussians.means {
-            *m = (DVec3::from(m.map(f64::from)) + (own - scene.origin)).as_vec3().to_array();
-        }
-        loaded.origin = scene.origin.to_array();
-    }
-}
-
-/// Mean of the means, in world units.
-fn mean(loaded: &Loaded) -> DVec3 {
-    let means = &loaded.gaussians.means;
-    means.iter().map(|m| DVec3::from(m.map(f64::from))).sum::<DVec3>() / means.len().max(1) as f64
 }
 
 /// Largest number of lines of a list that are printed.

@@ -96,12 +96,14 @@ pub struct Target<'a> {
     pub precision: Option<Precision>,
     /// The file round a packed model; `None` if that is the file.
     pub wrap: Option<&'a Wrap<'a>>,
+    /// Where the means count from in the world.
+    pub origin: [f64; 3],
 }
 
 impl<'a> Target<'a> {
     /// A file that is the model alone.
     pub fn new(path: &'a Path) -> Self {
-        Self { path, format: path, spz: SpzVersion::default(), precision: None, wrap: None }
+        Self { path, format: path, spz: SpzVersion::default(), precision: None, wrap: None, origin: [0.0; 3] }
     }
 
     /// The model in this format.
@@ -126,8 +128,9 @@ impl<'a> Target<'a> {
     /// [`Error::Write`].
     pub fn write(&self, packed: Option<Vec<u8>>, model: &Gaussians, mode: RenderMode) -> Result<(), Error> {
         match packed.map(|packed| self.file(packed)) {
-            Some(file) => formats::write_atomically(self.path, |out| out.write_all(&file)),
-            None => formats::write(self.path, model, mode),
+            Some(file) => formats::write_atomically(self.path, |out| out.write_all(&file))
+                .and_then(|()| formats::georeference(self.path, self.origin)),
+            None => formats::write_at(self.path, model, mode, self.origin),
         }
         .map_err(Error::writing)
     }

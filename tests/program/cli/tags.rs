@@ -84,6 +84,28 @@ fn convert_and_compress_keep_the_tag_and_inspect_names_it() {
 }
 
 #[test]
+fn edit_convert_and_compress_keep_the_place_in_the_world() {
+    let sandbox = Sandbox::new();
+    let place = [500_000.0, 4_100_000.0, 30.0];
+    formats::write_at(&sandbox.path("far.ply"), &model(20), RenderMode::Plain, place).unwrap();
+    let compress = ["compress", "far.ply", "--views", "4", "--size", "48x48", "-o"];
+    for (how, to) in [
+        (&["convert", "far.ply"][..], "a.ply"),
+        (&["edit", "far.ply", "--min-opacity", "0", "-o"], "b.ply"),
+        (&compress, "c.ply"),
+        (&compress, "d.spz"),
+    ] {
+        let beside = sandbox.path("georeference.json");
+        let _ = fs::remove_file(&beside);
+        sandbox.works(&[how, &[to]].concat());
+        let written: serde_json::Value = serde_json::from_slice(&fs::read(beside).unwrap()).unwrap();
+        assert_eq!(written["origin"], serde_json::json!(place), "{to}");
+        let expected = if to == "d.spz" { [0.0; 3] } else { place };
+        assert_eq!(formats::read(&sandbox.path(to)).unwrap().origin, expected, "{to}");
+    }
+}
+
+#[test]
 fn damaged_tags_are_warnings() {
     let sandbox = sandbox();
     let ply = fs::read(sandbox.path("smooth.ply")).unwrap();

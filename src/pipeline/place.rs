@@ -1,0 +1,36 @@
+//! Models and scenes that count from different places of one world.
+
+use super::Error;
+use crate::gaussians::Gaussians;
+use crate::scene::{OpenOptions, Scene, origin};
+use glam::DVec3;
+use std::path::Path;
+
+/// Lets the means of a model, which count from `from` in the world, count from where the coordinates of a scene do.
+///
+/// # Errors
+/// A scene that cannot be read.
+pub fn place(model: &mut Gaussians, from: &mut [f64; 3], (scene, images): (&Path, Option<&Path>)) -> Result<(), Error> {
+    let near = *from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO;
+    if !near {
+        let options = OpenOptions { images: images.map(Path::to_owned), ..OpenOptions::default() };
+        place_in(model, from, &Scene::open(scene, &options)?);
+    }
+    Ok(())
+}
+
+/// As [`place`]. A model that names no place of its own lies in the world if that brings it nearer to the scene.
+pub fn place_in(model: &mut Gaussians, from: &mut [f64; 3], scene: &Scene) {
+    let (own, mean) = (DVec3::from(*from), mean(model));
+    let in_world = own != DVec3::ZERO || mean.distance(scene.origin) < mean.length();
+    if in_world && own != scene.origin {
+        model.shift(own - scene.origin);
+        *from = scene.origin.to_array();
+    }
+}
+
+/// Mean of the means, in world units.
+fn mean(model: &Gaussians) -> DVec3 {
+    let means = &model.means;
+    means.iter().map(|m| DVec3::from(m.map(f64::from))).sum::<DVec3>() / means.len().max(1) as f64
+}
