@@ -32,7 +32,7 @@ mod values;
 mod view;
 mod viewer;
 
-use crate::gpu::{Device, DeviceOptions, TuningChoice};
+use crate::gpu::{Device, DeviceOptions, Milliseconds, TuningChoice};
 use crate::metrics::Networks;
 use crate::pipeline::{Error, Exit};
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -65,6 +65,10 @@ struct Global {
     /// [default: $QIRF_TUNING, else what `qirf-vk device --tune` found, else those of the device's class]
     #[arg(long, global = true, value_name = "CLASS,FIELD=VALUE")]
     tuning: Option<TuningChoice>,
+    /// Longest work given to the device at a time, in milliseconds: for slow devices where the system resets a busy driver,
+    /// as Windows does after 2,000 [default: $QIRF_MAX_SUBMISSION, else no limit]
+    #[arg(long, global = true, value_name = "MS")]
+    max_submission: Option<Milliseconds>,
     /// Print only results and errors
     #[arg(short, long, global = true)]
     quiet: bool,
@@ -266,6 +270,7 @@ impl Global {
         Ok(DeviceOptions {
             device: self.device.clone().or(options.device),
             tuning: self.tuning.clone().or(options.tuning),
+            max_submission: self.max_submission.map(|ms| ms.0).or(options.max_submission),
             ..options
         })
     }

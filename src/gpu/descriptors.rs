@@ -2,7 +2,6 @@
 
 use super::choose::select::{DeviceInfo, Feature};
 use super::error::{During, Error};
-use super::frame::Frame;
 use super::pipeline::Pipeline;
 use super::recording::Recording;
 use ash::{khr, vk};
@@ -172,16 +171,16 @@ impl Binder {
     /// Binds a pipeline's buffers for the next dispatch.
     ///
     /// # Safety
-    /// The frame's commands are being recorded; its sets have room; the buffers are alive and match the shader in
+    /// The commands are being recorded; the sets have room; the buffers are alive and match the shader in
     /// number.
     pub unsafe fn bind(
         &self,
         device: &ash::Device,
-        frame: &Frame,
+        (commands, sets): (vk::CommandBuffer, &Sets),
         pipeline: &Pipeline,
         buffers: &[vk::DescriptorBufferInfo],
     ) -> Result<(), Error> {
-        let (commands, layout, data) = (frame.commands, pipeline.layout, buffers.as_ptr().cast());
+        let (layout, data) = (pipeline.layout, buffers.as_ptr().cast());
         match self {
             // SAFETY: the caller's promise; the template reads as many infos as there are buffers.
             Self::Push(push) => unsafe {
@@ -189,8 +188,7 @@ impl Binder {
             },
             Self::Sets => {
                 let layouts = [pipeline.set_layout];
-                let wanted =
-                    vk::DescriptorSetAllocateInfo::default().descriptor_pool(frame.sets.pool).set_layouts(&layouts);
+                let wanted = vk::DescriptorSetAllocateInfo::default().descriptor_pool(sets.pool).set_layouts(&layouts);
                 // SAFETY: as above; the set is new, so that no other dispatch uses it.
                 unsafe {
                     let set = device.allocate_descriptor_sets(&wanted).during("allocate descriptor set")?;

@@ -15,6 +15,7 @@ use super::instance::{self, Instance};
 use super::memory::{self, Memory};
 use super::module::Modules;
 use super::options::DeviceOptions;
+use super::pace::Pace;
 use super::pipeline::Pipelines;
 use super::probe;
 use super::queue::Queue;
@@ -60,6 +61,8 @@ pub(super) struct Context {
     pub counters: Counters,
     /// Whether nothing is ever submitted.
     pub compile_only: bool,
+    /// Where submissions are limited.
+    pub pace: Option<Pace>,
     pub executables: Option<khr::pipeline_executable_properties::Device>,
     pub compiled: Mutex<Vec<Compiled>>,
     pub frames: Mutex<Vec<Frame>>,
@@ -231,6 +234,7 @@ impl Context {
             hazards: Mutex::default(),
             counters: Counters::default(),
             compile_only: options.compile_only,
+            pace: options.max_submission.map(Pace::new),
             executables,
             compiled: Mutex::default(),
             frames: Mutex::default(),

@@ -18,11 +18,26 @@ pub(super) struct Scope {
     pub end: u32,
 }
 
-/// Writes commands into a frame's command buffer, which is in its initial state. The submitter must keep the referenced
-/// resources alive.
+/// An encoded recording.
+pub(super) struct Encoded {
+    pub scopes: Vec<Scope>,
+    /// Each dispatch, where submissions are limited.
+    pub dispatches: Vec<Scope>,
+    /// The frame's command buffers that it fills, to be submitted one by one.
+    pub pieces: usize,
+}
+
+/// Writes commands into a frame's command buffers, which are in their initial state. The submitter must keep the
+/// referenced resources alive.
 pub(super) struct Encoder<'a> {
     context: &'a Context,
-    frame: &'a Frame,
+    frame: &'a mut Frame,
+    /// The command buffer being recorded, the last of `pieces`.
+    commands: vk::CommandBuffer,
+    pieces: usize,
+    /// Seconds that its kernels may take.
+    under_way: f64,
+    dispatches: Vec<Scope>,
     timed: bool,
     scopes: Vec<Scope>,
     open: Vec<usize>,
@@ -36,9 +51,22 @@ pub(super) struct Encoder<'a> {
 
 impl<'a> Encoder<'a> {
     /// An encoder of one recording.
-    pub fn new(context: &'a Context, frame: &'a Frame) -> Self {
+    pub fn new(context: &'a Context, frame: &'a mut Frame) -> Self {
         let timed = context.info.timestamp_period > 0.0 && frame.capacity > 0;
-        Self { context, frame, timed, scopes: Vec::new(), open: Vec::new(), queries: 0, now: None, bound: Vec::new() }
+        Self {
+            context,
+            commands: vk::CommandBuffer::null(),
+            pieces: 0,
+            under_way: 0.0,
+            dispatches: Vec::new(),
+            frame,
+            timed,
+            scopes: Vec::new(),
+            open: Vec::new(),
+            queries: 0,
+            now: None,
+            bound: Vec::new(),
+        }
     }
 
     /// Encodes a recording with the barriers before its commands and the pipelines of its dispatches; returns its timed
@@ -48,17 +76,17 @@ impl<'a> Encoder<'a> {
         recording: &Recording,
         barriers: &[Option<Barrier>],
         pipelines: &[Arc<Pipeline>],
-    ) -> Result<Vec<Scope>, Error> {
-        let (device, commands) = (&self.context.raw, self.frame.commands);
-        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: the command buffer is in its initial state.
-        unsafe { device.begin_command_buffer(commands, &begin) }.during("begin commands")?;
+    ) -> Result<Encoded, Error> {
+        self.open_commands()?;
         if self.timed {
             // SAFETY: the pool holds as many queries.
-            unsafe { device.cmd_reset_query_pool(commands, self.frame.queries, 0, self.frame.capacity) };
+            unsafe {
+                self.context.raw.cmd_reset_query_pool(self.commands, self.frame.queries, 0, self.frame.capacity);
+            }
         }
         let mut pipelines = pipelines.iter();
         for (command, barrier) in recording.commands.iter().zip(barriers) {
+            self.pace(command)?;
             if let Some(barrier) = barrier {
                 self.barrier(barrier.source(), barrier.destination());
             }
@@ -69,9 +97,35 @@ impl<'a> Encoder<'a> {
             (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE),
             (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ),
         );
+        self.close_commands()?;
+        Ok(Encoded { scopes: self.scopes, dispatches: self.dispatches, pieces: self.pieces })
+    }
+
+    /// Begins the next command buffer.
+    fn open_commands(&mut self) -> Result<(), Error> {
+        self.commands = self.frame.commands(self.context, self.pieces)?;
+        self.pieces += 1;
+        let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the command buffer is in its initial state.
+        unsafe { self.context.raw.begin_command_buffer(self.commands, &begin) }.during("begin commands")
+    }
+
+    fn close_commands(&self) -> Result<(), Error> {
         // SAFETY: the command buffer is being recorded.
-        unsafe { device.end_command_buffer(commands) }.during("end commands")?;
-        Ok(self.scopes)
+        unsafe { self.context.raw.end_command_buffer(self.commands) }.during("end commands")
+    }
+
+    /// Goes on in another command buffer if this one would take too long with the next command. Barriers hold between
+    /// them, too: their order on the queue is that of one buffer.
+    fn pace(&mut self, command: &Command) -> Result<(), Error> {
+        let (Some(pace), Command::Dispatch(dispatch)) = (&self.context.pace, command) else { return Ok(()) };
+        let (cuts, under_way) = pace.cuts(self.under_way, dispatch.shader.name);
+        self.under_way = under_way;
+        if cuts {
+            self.close_commands()?;
+            self.open_commands()?;
+        }
+        Ok(())
     }
 
     fn barrier(
@@ -79,7 +133,7 @@ impl<'a> Encoder<'a> {
         (source, source_access): (vk::PipelineStageFlags, vk::AccessFlags),
         (destination, destination_access): (vk::PipelineStageFlags, vk::AccessFlags),
     ) {
-        let (device, commands, none) = (&self.context.raw, self.frame.commands, vk::DependencyFlags::empty());
+        let (device, commands, none) = (&self.context.raw, self.commands, vk::DependencyFlags::empty());
         let memory = [vk::MemoryBarrier::default().src_access_mask(source_access).dst_access_mask(destination_access)];
         // SAFETY: the command buffer is being recorded.
         unsafe { device.cmd_pipeline_barrier(commands, source, destination, none, &memory, &[], &[]) };
@@ -91,8 +145,8 @@ impl<'a> Encoder<'a> {
         arguments: &Arguments,
         pipelines: &mut impl Iterator<Item = &'b Arc<Pipeline>>,
     ) -> Result<(), Error> {
-        let (device, commands) = (&self.context.raw, self.frame.commands);
-        if !matches!(command, Command::Begin(_) | Command::End) {
+        let (device, commands) = (&self.context.raw, self.commands);
+        if !matches!(command, Command::Begin(_) | Command::End | Command::Dispatch(_)) {
             self.now = None;
         }
         let copy = |from: &RawBuffer, to: &RawBuffer, [src_offset, dst_offset, size]: [u64; 3]| {
@@ -105,6 +159,8 @@ impl<'a> Encoder<'a> {
             match command {
                 Command::Dispatch(dispatch) => {
                     let pipeline = pipelines.next().expect("one pipeline a dispatch");
+                    let begin = if self.context.pace.is_some() { self.timestamp() } else { None };
+                    self.now = None;
                     self.label(Some(dispatch.shader.name));
                     self.bind(pipeline, arguments.push(dispatch), arguments.buffers(dispatch))?;
                     match &dispatch.size {
@@ -112,6 +168,9 @@ impl<'a> Encoder<'a> {
                         Size::Indirect(b, offset) => device.cmd_dispatch_indirect(commands, b.0.raw, *offset),
                     }
                     self.label(None);
+                    if let Some((begin, end)) = begin.and_then(|begin| Some((begin, self.timestamp()?))) {
+                        self.dispatches.push(Scope { name: dispatch.shader.name, begin, end });
+                    }
                 }
                 Command::Fill { buffer, bytes, value } => {
                     device.cmd_fill_buffer(commands, buffer.0.raw, 0, *bytes, *value);
@@ -136,14 +195,14 @@ impl<'a> Encoder<'a> {
 
     /// Binds a pipeline with its arguments.
     fn bind(&mut self, pipeline: &Pipeline, push: &[u8], buffers: &[RawBuffer]) -> Result<(), Error> {
-        let (device, commands) = (&self.context.raw, self.frame.commands);
+        let (device, commands) = (&self.context.raw, self.commands);
         let info = |b: &RawBuffer| vk::DescriptorBufferInfo { buffer: b.0.raw, offset: 0, range: vk::WHOLE_SIZE };
         self.bound.clear();
         self.bound.extend(buffers.iter().map(info));
         // SAFETY: the command buffer is being recorded; pipeline and buffers are alive, and are those of one shader.
         unsafe {
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
-            self.context.binder.bind(device, self.frame, pipeline, &self.bound)?;
+            self.context.binder.bind(device, (commands, &self.frame.sets), pipeline, &self.bound)?;
             if !push.is_empty() {
                 device.cmd_push_constants(commands, pipeline.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
             }
@@ -171,9 +230,9 @@ impl<'a> Encoder<'a> {
         }
         let (stage, query) = (vk::PipelineStageFlags::BOTTOM_OF_PIPE, self.queries);
         self.queries += 1;
-        // SAFETY: the command buffer is being recorded; the frame has two queries per scope.
+        // SAFETY: the command buffer is being recorded; the frame has two queries per scope, and per dispatch where each is timed.
         unsafe {
-            self.context.raw.cmd_write_timestamp(self.frame.commands, stage, self.frame.queries, query);
+            self.context.raw.cmd_write_timestamp(self.commands, stage, self.frame.queries, query);
         }
         self.now = Some(query);
         self.now
@@ -182,7 +241,7 @@ impl<'a> Encoder<'a> {
     /// Opens (or closes) a debug label.
     fn label(&self, name: Option<&str>) {
         let Some(debug) = &self.context.debug else { return };
-        let commands = self.frame.commands;
+        let commands = self.commands;
         // SAFETY: the command buffer is being recorded; labels are opened and closed in pairs.
         unsafe {
             if let Some(name) = name.and_then(|n| CString::new(n).ok()) {

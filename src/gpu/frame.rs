@@ -7,7 +7,8 @@ use ash::vk;
 
 /// Resources of one submission besides its commands; reused by the next.
 pub(super) struct Frame {
-    pub commands: vk::CommandBuffer,
+    /// One; more where the recording is cut.
+    pub commands: Vec<vk::CommandBuffer>,
     pub fence: vk::Fence,
     pub queries: vk::QueryPool,
     /// Queries that the pool holds.
@@ -21,7 +22,7 @@ impl Frame {
     pub fn take(context: &Context, queries: u32, room: Room) -> Result<Self, Error> {
         let new = Self {
             pool: vk::CommandPool::null(),
-            commands: vk::CommandBuffer::null(),
+            commands: Vec::new(),
             fence: vk::Fence::null(),
             queries: vk::QueryPool::null(),
             capacity: 0,
@@ -46,8 +47,6 @@ impl Frame {
             if self.pool == vk::CommandPool::null() {
                 let info = vk::CommandPoolCreateInfo::default().queue_family_index(context.queue.family);
                 self.pool = device.create_command_pool(&info, None).during("create command pool")?;
-                let info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
-                self.commands = device.allocate_command_buffers(&info).during("allocate commands")?[0];
                 self.fence = device.create_fence(&vk::FenceCreateInfo::default(), None).during("create fence")?;
             } else {
                 device.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()).during("reset commands")?;
@@ -60,9 +59,20 @@ impl Frame {
                 self.queries = device.create_query_pool(&info, None).during("create queries")?;
                 self.capacity = count;
             }
+            self.commands(context, 0)?;
             self.sets.prepare(device, room)?;
             device.reset_fences(&[self.fence]).during("reset fence")
         }
+    }
+
+    /// The command buffer at `index`, which is in its initial state; those before it exist.
+    pub fn commands(&mut self, context: &Context, index: usize) -> Result<vk::CommandBuffer, Error> {
+        if index == self.commands.len() {
+            let info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
+            // SAFETY: the pool is this frame's, which one thread uses at a time.
+            self.commands.extend(unsafe { context.raw.allocate_command_buffers(&info) }.during("allocate commands")?);
+        }
+        Ok(self.commands[index])
     }
 
     /// # Safety

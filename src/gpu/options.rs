@@ -6,6 +6,7 @@ use super::harness::Harness;
 use super::tuning::TuningChoice;
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::time::Duration;
 
 /// Options for opening a device. The default is the best device present; [`DeviceOptions::from_env`] lets the
 /// environment choose.
@@ -26,6 +27,9 @@ pub struct DeviceOptions {
     /// The folder of leases, by which processes share a machine's devices. Default: one in the system's temporary
     /// folder.
     pub leases: Option<PathBuf>,
+    /// The longest time of one submission: recordings are cut where kernels would take longer, by their last times. For
+    /// slow devices on systems that reset a busy driver. Default: each recording is one submission.
+    pub max_submission: Option<Duration>,
     /// True to create pipelines and run nothing, to learn how the driver compiles them: see
     /// [`super::Device::compiled`]. All reads return zeros.
     pub compile_only: bool,
@@ -36,7 +40,7 @@ pub struct DeviceOptions {
 
 impl DeviceOptions {
     /// The options that the environment sets: `QIRF_DEVICE`, `QIRF_VALIDATION`, `QIRF_TUNING` (empty: the row of the
-    /// device's own class), `QIRF_DESCRIPTORS`, `QIRF_LEASES`, and for tests `QIRF_LIMITS`, `QIRF_SUBGROUP`,
+    /// device's own class), `QIRF_DESCRIPTORS`, `QIRF_LEASES`, `QIRF_MAX_SUBMISSION` (milliseconds), and for tests `QIRF_LIMITS`, `QIRF_SUBGROUP`,
     /// `QIRF_SHADERS`, `QIRF_DEVICE_FAULT` and `QIRF_ORDER`.
     ///
     /// # Errors
@@ -50,6 +54,7 @@ impl DeviceOptions {
             tuning: if empty { Some(TuningChoice::default()) } else { parsed("QIRF_TUNING")? },
             descriptors: parsed("QIRF_DESCRIPTORS")?,
             leases: text("QIRF_LEASES").map(PathBuf::from),
+            max_submission: parsed::<Milliseconds>("QIRF_MAX_SUBMISSION")?.map(|ms| ms.0),
             compile_only: false,
             harness: Harness {
                 limits: parsed("QIRF_LIMITS")?,
@@ -60,6 +65,20 @@ impl DeviceOptions {
                 order: parsed("QIRF_ORDER")?,
             },
         })
+    }
+}
+
+/// A time as the command line and the environment have it.
+#[derive(Clone, Copy, Debug)]
+pub struct Milliseconds(pub Duration);
+
+impl FromStr for Milliseconds {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = text.parse::<u32>().ok().filter(|ms| *ms > 0);
+        let ms = number.ok_or_else(|| "give whole milliseconds, such as 500".to_owned())?;
+        Ok(Self(Duration::from_millis(ms.into())))
     }
 }
 

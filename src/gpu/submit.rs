@@ -2,7 +2,7 @@
 
 use super::buffer::Buffer;
 use super::device::{Context, Device, lock};
-use super::encode::{Encoder, Scope};
+use super::encode::{Encoded, Encoder, Scope};
 use super::error::{During, Error};
 use super::frame::Frame;
 use super::pipeline::Pipeline;
@@ -18,6 +18,8 @@ pub struct Ticket {
     context: Arc<Context>,
     frame: Option<Frame>,
     scopes: Vec<Scope>,
+    /// Each dispatch, where submissions are limited.
+    dispatches: Vec<Scope>,
     _recording: Recording, // keeps the buffers alive
     _pipelines: Vec<Arc<Pipeline>>,
 }
@@ -51,7 +53,6 @@ impl Device {
     /// Device errors.
     pub fn submit(&self, mut recording: Recording) -> Result<Ticket, Error> {
         let context = self.context();
-        context.counters.submissions.fetch_add(1, Ordering::Relaxed);
         if context.queue.is_lost() {
             return Err(Error::Lost("queue submit")); // resources that a lost device still holds are never touched again
         }
@@ -61,37 +62,56 @@ impl Device {
         // Pipelines first: hazards must not advance for a recording that is never submitted.
         let mut pipelines = context.pipelines.of(context, &recording)?;
         if context.compile_only {
-            let (context, scopes) = (Arc::clone(context), Vec::new());
-            return Ok(Ticket { context, frame: None, scopes, _recording: recording, _pipelines: pipelines });
+            let (context, scopes, dispatches) = (Arc::clone(context), Vec::new(), Vec::new());
+            return Ok(Ticket {
+                context,
+                frame: None,
+                scopes,
+                dispatches,
+                _recording: recording,
+                _pipelines: pipelines,
+            });
         }
         let room = context.binder.room(&recording);
-        let frame = Frame::take(context, recording.scopes() as u32 * 2, room)?;
+        let timed = recording.scopes() + if context.pace.is_some() { pipelines.len() } else { 0 };
+        let mut frame = Frame::take(context, timed as u32 * 2, room)?;
         // The queue's lock covers deriving barriers and submitting, so that barriers match the true order of
         // submissions.
         let queue = context.queue.lock();
         let barriers = context.ordered(&mut recording, &mut pipelines);
-        let encoded = Encoder::new(context, &frame).encode(&recording, &barriers, &pipelines);
-        let submitted = encoded.and_then(|scopes| {
-            // SAFETY: the command buffer is complete, its buffers and pipelines are kept alive by the ticket, and the
-            // queue is locked for the call.
-            unsafe { context.queue.submit(&context.raw, *queue, frame.commands, frame.fence) }
-                .during("queue submit")?;
-            Ok(scopes)
+        let encoded = Encoder::new(context, &mut frame).encode(&recording, &barriers, &pipelines);
+        let mut under_way = false;
+        let submitted = encoded.and_then(|encoded| {
+            let pieces = &frame.commands[..encoded.pieces];
+            for (at, commands) in pieces.iter().enumerate() {
+                // The last one's fence covers those before it.
+                let fence = if at + 1 == pieces.len() { frame.fence } else { vk::Fence::null() };
+                // SAFETY: the command buffer is complete, its buffers and pipelines are kept alive by the ticket, and
+                // the queue is locked for the call.
+                unsafe { context.queue.submit(&context.raw, *queue, *commands, fence) }.during("queue submit")?;
+                context.counters.submissions.fetch_add(1, Ordering::Relaxed);
+                under_way = true;
+            }
+            Ok(encoded)
         });
         if submitted.is_err() {
             lock(&context.hazards).doubt();
         }
         drop(queue);
         match submitted {
-            Ok(scopes) => Ok(Ticket {
+            Ok(Encoded { scopes, dispatches, .. }) => Ok(Ticket {
                 context: Arc::clone(context),
                 frame: Some(frame),
                 scopes,
+                dispatches,
                 _recording: recording,
                 _pipelines: pipelines,
             }),
             Err(e) => {
-                lock(&context.frames).push(frame); // never submitted: there is nothing to wait for
+                if under_way {
+                    let _ = context.queue.idle(&context.raw); // the error above says more
+                }
+                lock(&context.frames).push(frame); // nothing of it is under way
                 Err(e)
             }
         }
@@ -116,21 +136,27 @@ impl Ticket {
     }
 
     fn timings(&self, frame: &Frame) -> Result<Timings, Error> {
-        let (device, queue) = (&self.context.raw, &self.context.queue);
+        let context = &self.context;
+        let (device, queue) = (&context.raw, &context.queue);
         // SAFETY: the fence was submitted with this frame's work.
         unsafe { queue.wait(device, frame.fence) }.during("wait for the device")?;
         let mut timings = Timings::default();
-        let period = f64::from(self.context.info.timestamp_period) * 1e-9;
-        let queries = self.scopes.iter().map(|scope| scope.begin.max(scope.end) as usize + 1).max();
+        let period = f64::from(context.info.timestamp_period) * 1e-9;
+        let queries =
+            self.scopes.iter().chain(&self.dispatches).map(|scope| scope.begin.max(scope.end) as usize + 1).max();
         if let Some(queries) = queries.filter(|_| period > 0.0) {
             let mut ticks = vec![0_u64; queries];
             // SAFETY: the queries were all written, since the fence has signalled.
             let read =
                 unsafe { device.get_query_pool_results(frame.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) };
             queue.answered(read).during("read timestamps")?;
+            let seconds =
+                |scope: &Scope| ticks[scope.end as usize].saturating_sub(ticks[scope.begin as usize]) as f64 * period;
             for scope in &self.scopes {
-                let span = ticks[scope.end as usize].saturating_sub(ticks[scope.begin as usize]);
-                timings.add(scope.name, span as f64 * period);
+                timings.add(scope.name, seconds(scope));
+            }
+            for dispatch in &self.dispatches {
+                context.pace.iter().for_each(|pace| pace.learn(dispatch.name, seconds(dispatch)));
             }
         }
         Ok(timings)

@@ -16,9 +16,9 @@ pub struct Names {
     pub count: usize,
     /// The first five.
     pub examples: Vec<String>,
-    /// The last one.
+    /// The last one: the faces of a photo count once.
     #[serde(skip)]
-    last: Option<String>,
+    pub last: Option<String>,
 }
 
 impl Names {

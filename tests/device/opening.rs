@@ -4,6 +4,7 @@
 use super::train::runs::{self, bits, train, trainer};
 use crate::support::{finish, opened, options};
 use qirf_vk::gpu::{Claim, Descriptors, Device, DeviceOptions, Error, Limits};
+use std::time::Duration;
 
 fn limited(limits: Limits) -> DeviceOptions {
     let mut options = options();
@@ -32,6 +33,25 @@ fn trained(iterations: u32, of_device: &DeviceOptions) -> Vec<u32> {
 fn descriptor_sets_give_the_bits_of_pushed_descriptors() {
     let any = trained(25, &options());
     assert!(any == trained(25, &DeviceOptions { descriptors: Some(Descriptors::Sets), ..options() }));
+}
+
+#[test]
+fn short_submissions_give_the_same_bits() {
+    let trained = |max_submission| {
+        let device = Device::open(&DeviceOptions { max_submission, ..options() }).unwrap();
+        let mut trainer = trainer(&device, runs::options());
+        train(&mut trainer, 25);
+        let model = bits(&trainer.download().unwrap());
+        drop(trainer);
+        finish(&device);
+        (model, device.traffic().submissions)
+    };
+    let (whole, few) = trained(None);
+    // Shorter than any kernel: each gets a submission of its own.
+    let (cut, many) = trained(Some(Duration::from_nanos(1)));
+    assert!(whole == cut && many > 20 * few, "{few} {many}");
+    let (roomy, some) = trained(Some(Duration::from_secs(3600)));
+    assert!(whole == roomy && some < many / 2, "{some} {many}");
 }
 
 #[test]

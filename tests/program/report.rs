@@ -136,7 +136,7 @@ fn rich() -> RunRecord {
             undrawable: 3,
             empty_views: 1,
             scene: Skipped {
-                damaged_images: Names { count: 7, examples: vec![EVIL.to_owned()] },
+                damaged_images: Names { count: 7, examples: vec![EVIL.to_owned()], last: None },
                 ..Skipped::default()
             },
         },

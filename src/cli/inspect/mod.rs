@@ -7,6 +7,7 @@ use super::console::Console;
 use super::values;
 use crate::gaussians::formats::{self, Loaded};
 use crate::pipeline::Error;
+use crate::scene::OpenOptions;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,65 @@
+//! Short submissions for slow devices: recordings are cut where their kernels would take longer together.
+//!
+//! Some systems reset a driver whose device is at one submission for too long: Windows after 2 s.
+
+use super::device::lock;
+use rustc_hash::FxHashMap;
+use std::sync::Mutex;
+use std::time::Duration;
+
+/// How much of a kernel's longest dispatch counts after each shorter one.
+const MEMORY: f64 = 0.9;
+
+/// The longest time of a submission, and what is known of kernels.
+pub(super) struct Pace {
+    limit: f64,
+    kernels: Mutex<FxHashMap<&'static str, f64>>,
+}
+
+impl Pace {
+    /// A pace that no submission should exceed.
+    pub fn new(limit: Duration) -> Self {
+        Self { limit: limit.as_secs_f64(), kernels: Mutex::default() }
+    }
+
+    /// True if a kernel that follows `under_way` seconds of work of the same submission belongs into the next one;
+    /// then its own expected time, and else both together.
+    pub fn cuts(&self, under_way: f64, kernel: &'static str) -> (bool, f64) {
+        // What never ran yet gets a submission of its own.
+        let expected = lock(&self.kernels).get(kernel).copied().unwrap_or(self.limit);
+        let cut = under_way > 0.0 && under_way + expected > self.limit;
+        (cut, if cut { expected } else { under_way + expected })
+    }
+
+    /// Learns from a dispatch how long its kernel takes.
+    pub fn learn(&self, kernel: &'static str, seconds: f64) {
+        let mut kernels = lock(&self.kernels);
+        let known = kernels.entry(kernel).or_insert(0.0);
+        if seconds > self.limit && *known <= self.limit {
+            tracing::warn!(
+                "the kernel {kernel} alone took {:.0} ms, longer than --max-submission allows: one dispatch is never cut",
+                seconds * 1e3
+            );
+        }
+        *known = seconds.max(MEMORY * *known);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kernels_share_a_submission_while_they_fit() {
+        let pace = Pace::new(Duration::from_millis(100));
+        assert_eq!(pace.cuts(0.0, "new"), (false, 0.1), "nothing to cut before the first");
+        assert_eq!(pace.cuts(0.01, "new"), (true, 0.1), "unknown ones run alone");
+        pace.learn("new", 0.04);
+        assert_eq!(pace.cuts(0.04, "new"), (false, 0.08));
+        assert_eq!(pace.cuts(0.08, "new"), (true, 0.04));
+        pace.learn("new", 0.0);
+        assert_eq!(pace.cuts(0.0, "new"), (false, 0.9 * 0.04), "a short one is believed slowly");
+        pace.learn("new", 0.3);
+        assert_eq!(pace.cuts(1e-6, "new"), (true, 0.3), "a long one at once");
+    }
+}
