@@ -95,6 +95,7 @@ pub mod report;
 pub mod selftest;
 #[cfg(feature = "shard")]
 pub mod shard;
+#[cfg(feature = "train")]
 mod solve;
 #[cfg(feature = "view")]
 pub mod view;

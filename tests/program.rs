@@ -4,6 +4,7 @@ mod support;
 
 mod program {
     mod attrition;
+    mod benchmark;
     mod blocks;
     mod cli;
     mod compare;

@@ -69,6 +69,6 @@ impl Face {
 impl Lens {
     /// The pixel at which the lens shows a ray from the camera.
     pub(super) fn pixel_of(&self, ray: DVec3) -> DVec2 {
-        DVec2::new(ray.x.atan2(ray.z), ray.y.atan2(ray.x.hypot(ray.z))) * self.focal + self.principal
+        DVec2::new(ray.x.atan2(ray.z), ray.y.atan2(DVec2::new(ray.x, ray.z).length())) * self.focal + self.principal
     }
 }

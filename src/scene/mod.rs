@@ -239,8 +239,9 @@ impl Scene {
                 *numbers.entry(view.photo_name()).or_insert(next)
             })
             .collect();
-        let held_out =
-            |i: &usize| eval_every > 0 && photos[*i] % eval_every == 0 && (numbers.len() > 1 || eval_every == 1);
+        let held_out = |i: &usize| {
+            eval_every > 0 && photos[*i].is_multiple_of(eval_every) && (numbers.len() > 1 || eval_every == 1)
+        };
         let (test, train) = (0..self.views.len()).partition(held_out);
         Split { train, test }
     }

@@ -19,7 +19,7 @@ impl Lens {
     /// The image of a point in camera coordinates; none if the lens cannot see it.
     pub fn image(&self, p: DVec3) -> Option<DVec2> {
         if *self == Self::Panorama {
-            return Some(DVec2::new(p.x.atan2(p.z), p.y.atan2(p.x.hypot(p.z))));
+            return Some(DVec2::new(p.x.atan2(p.z), p.y.atan2(DVec2::new(p.x, p.z).length())));
         }
         (p.z >= 0.05).then(|| self.distort(p.truncate() / p.z))
     }

@@ -5,7 +5,6 @@ use crate::scene::camera::Camera;
 use crate::scene::{Point, Scene};
 use crate::train::initialise::{Seed, from_points};
 use glam::{DQuat, DVec2, DVec3};
-use std::collections::HashSet;
 
 /// Half the width of the picture's scene, in its own units: the cameras' extent.
 const EXTENT: f64 = 10.0;
@@ -25,7 +24,7 @@ const OPACITY: f32 = 3.0;
 const COLOURS: [[f64; 3]; 3] = [[0.3, 0.6, 1.0], [1.0, 0.65, 0.1], [1.0, 0.15, 0.15]];
 
 /// The model of a scene: its points in their colours; cameras blue, held-out ones orange, those of `marked` photos red.
-pub fn model(scene: &Scene, test: &[usize], marked: &HashSet<&str>) -> Gaussians {
+pub fn model(scene: &Scene, test: &[usize], marked: &[&str]) -> Gaussians {
     let all: Vec<usize> = (0..scene.views.len()).collect();
     let (centre, extent) = (scene.centre(&all), scene.extent(&all));
     let extent = if extent > 0.0 { extent } else { 1.0 };
@@ -39,7 +38,7 @@ pub fn model(scene: &Scene, test: &[usize], marked: &HashSet<&str>) -> Gaussians
     model.log_scales.iter_mut().flatten().for_each(|scale| *scale = scale.min(most));
     let mut lines = Vec::new();
     for (v, view) in scene.views.iter().enumerate() {
-        let kind = if marked.contains(view.photo_name()) { 2 } else { usize::from(test.contains(&v)) };
+        let kind = if marked.contains(&view.photo_name()) { 2 } else { usize::from(test.contains(&v)) };
         let corners = pyramid(&view.camera, PYRAMID * extent).map(place);
         let eye = corners[0];
         for k in 1..5 {

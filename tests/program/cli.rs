@@ -1,6 +1,7 @@
 //! The program as a user runs it: every command, every exit code, and bad input of every kind.
 
 mod commands;
+mod doctor;
 mod kernels;
 mod pages;
 mod refusals;

@@ -83,7 +83,8 @@ impl Doubts {
 
 /// A page with the scene's points and cameras: blue ones are trained on, orange ones held out, red ones worth a look.
 fn page(scene: &Scene, split: &Split, doubts: &Doubts, file: &Path) -> Result<(), Error> {
-    let marked = doubts.misfits.iter().map(|(name, _)| name).chain(&doubts.apart).map(String::as_str).collect();
+    let marked: Vec<&str> =
+        doubts.misfits.iter().map(|(name, _)| name).chain(&doubts.apart).map(String::as_str).collect();
     let model = capture::model(scene, &split.test, &marked);
     let title = scene.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let options = PageOptions { title, ..PageOptions::default() };
