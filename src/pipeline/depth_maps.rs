@@ -12,8 +12,10 @@ use rayon::prelude::*;
 use crate::scene::{Photo, Point, Resize, Scene, View};
 use crate::wording::counted;
 
-/// Most points of all maps together.
-const POINTS: usize = 100_000;
+/// Most points of all maps together: one for so many pixels trained on, within these bounds. Growth needs room to put
+/// Gaussians where they are needed.
+const PIXELS_BY_POINT: u64 = 32;
+const POINTS: (usize, usize) = (5_000, 100_000);
 /// Steps of 16-bit maps in world units: millimetres, if these are metres.
 const STEP: f32 = 1e-3;
 /// Fewest points that tell a map's scale.
@@ -67,7 +69,8 @@ pub fn points(scene: &Scene, views: &[usize], resize: Resize) -> (Vec<Point>, Ve
         maps.iter().flatten().filter_map(|(s, _)| if let Scale::Points(s) = s { Some(*s) } else { None }).collect();
     known.sort_by(f64::total_cmp);
     let usual = known.get(known.len() / 2).copied().unwrap_or(1.0);
-    let each = POINTS.div_ceil(with.len());
+    let pixels: u64 = views.iter().map(|v| scene.views[*v].camera_at(resize).pixels()).sum();
+    let each = ((pixels / PIXELS_BY_POINT) as usize).clamp(POINTS.0, POINTS.1).div_ceil(with.len());
     let made = |(v, map): (&usize, &Result<(Scale, Map), String>)| match map {
         Ok((Scale::Points(scale), map)) => of_map(&scene.views[*v], map, (*scale, each), resize),
         Ok((Scale::Unknown, map)) => of_map(&scene.views[*v], map, (usual, each), resize),
