@@ -36,7 +36,7 @@ layout(push_constant) uniform Push {
     float pull;        // strength of the pull towards the measured gains
 };
 
-shared float sums[SIZE * WORKGROUP];
+#include "lib/part_sums.glsl"
 
 void apply() {
     uint p = global_index();
@@ -51,7 +51,6 @@ void apply() {
 }
 
 void backward() {
-    uint lane = gl_LocalInvocationID.x;
     float own[SIZE];
     [[unroll]] for (uint k = 0; k < SIZE; k++) own[k] = 0;
     for (uint p = global_index(); p < pixels; p += groups * WORKGROUP) {
@@ -67,24 +66,13 @@ void backward() {
         }
         gradient[p] = vec4(through, g.a);
     }
-    [[unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] = own[k];
-    for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
-        barrier();
-        if (lane < step) {
-            [[unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] += sums[k * WORKGROUP + lane + step];
-        }
-    }
-    if (lane == 0) {
-        [[unroll]] for (uint k = 0; k < SIZE; k++) partials[SIZE * group_index() + k] = sums[k * WORKGROUP];
-    }
+    store_part(own);
 }
 
 void update() {
     uint lane = gl_LocalInvocationID.x;
     if (lane < SIZE) {
-        float sum = 0;
-        for (uint g = 0; g < groups; g++) sum += partials[SIZE * g + lane];
-        sums[lane] = sum;
+        sums[lane] = sum_of_parts(lane, groups);
     }
     barrier();
     // If pairs did not fit, this iteration does not count.

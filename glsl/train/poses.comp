@@ -33,7 +33,7 @@ layout(push_constant) uniform Push {
     uint pair_limit;
 };
 
-shared float sums[SIZE * WORKGROUP];
+#include "lib/part_sums.glsl"
 
 // Gradient by a turn of a Gaussian with this quaternion, from that by the quaternion.
 vec3 by_turn(vec4 q, vec4 g) {
@@ -43,7 +43,6 @@ vec3 by_turn(vec4 q, vec4 g) {
 }
 
 void sum_parts() {
-    uint lane = gl_LocalInvocationID.x;
     vec3 turn = vec3(0), shift = vec3(0);
     for (uint i = global_index(); i < count[0]; i += groups * WORKGROUP) {
         uint row = ROW * i;
@@ -56,24 +55,14 @@ void sum_parts() {
         shift += by_mean;
     }
     float own[SIZE] = float[](turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
-    [[unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] = own[k];
-    for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
-        barrier();
-        if (lane < step) {
-            [[unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] += sums[k * WORKGROUP + lane + step];
-        }
-    }
-    if (lane == 0) {
-        [[unroll]] for (uint k = 0; k < SIZE; k++) partials[SIZE * group_index() + k] = sums[k * WORKGROUP];
-    }
+    store_part(own);
 }
 
 void add_total() {
     uint lane = gl_LocalInvocationID.x;
     // If pairs did not fit, this iteration does not count.
     if (lane >= SIZE || pairs[1] > pair_limit) return;
-    float sum = 0;
-    for (uint g = 0; g < groups; g++) sum += partials[SIZE * g + lane];
+    float sum = sum_of_parts(lane, groups);
     if (sane(sum)) gradients[SIZE * photo + lane] += sum;
 }
 

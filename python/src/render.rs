@@ -8,9 +8,8 @@ use engine::gaussians::Gaussians;
 use engine::gaussians::outline::outline;
 use engine::gaussians::resident::Resident;
 use engine::glam::{DMat3, DVec2, DVec3};
-use engine::kernels::constants::sh::float64::SH_C0;
 use engine::pipeline::render::near_at;
-use engine::pipeline::{Error, budget};
+use engine::pipeline::{Error, budget, depth};
 use engine::render::{Image, Painter, Settings, Source, Style};
 use engine::scene::{
     camera,
@@ -266,7 +265,8 @@ impl Renderer {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let camera = camera_of(camera, world_to_camera, size)?;
         let image = py.detach(|| -> Result<(f64, Image), Error> {
-            let (far, model) = coloured_by_depth(&self.model, &camera.inner);
+            let (far, colours) = depth::colours(&self.model.means, &camera.inner);
+            let model = depth::coloured(&self.model, colours);
             let settings = Settings { background: [0.0; 3], ..self.settings };
             let mut brushes = self.brushes();
             let image = if self.resident.is_some() {
@@ -285,16 +285,4 @@ impl Renderer {
         let depths = Array2::from_shape_vec(shape, image.pixels.iter().map(depth).collect());
         Ok(depths.map_err(|e| wrong(e.to_string()))?.into_pyarray(py))
     }
-}
-
-/// A model whose colours are depths, as shares of the largest one, which is returned with it.
-fn coloured_by_depth(model: &Gaussians, camera: &camera::Camera) -> (f64, Gaussians) {
-    let depth = |mean: &[f32; 3]| (camera.rotation * DVec3::from_array(mean.map(f64::from)) + camera.translation).z;
-    let depths: Vec<f64> = model.means.iter().map(depth).collect();
-    let far = depths.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    let colour = |z: &f64| [((z / far - 0.5) / SH_C0) as f32; 3];
-    let sh = vec![depths.iter().flat_map(colour).collect()];
-    let Gaussians { means, log_scales, rotations, opacity_logits, .. } = model;
-    let [means, log_scales] = [means, log_scales].map(Clone::clone);
-    (far, Gaussians { means, log_scales, rotations: rotations.clone(), opacity_logits: opacity_logits.clone(), sh })
 }

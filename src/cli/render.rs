@@ -278,8 +278,7 @@ impl Arguments {
     }
 
     fn open(&self, path: &Path, console: &Console) -> Result<Scene, Error> {
-        let scene =
-            Scene::open(path, &OpenOptions { images: self.images.clone(), undistort: None, ..OpenOptions::default() })?;
+        let scene = Scene::open(path, &OpenOptions { images: self.images.clone(), ..OpenOptions::default() })?;
         for line in scene.skipped.summary() {
             console.warn(format_args!("{}: {line}", path.display()));
         }

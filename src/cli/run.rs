@@ -174,7 +174,7 @@ impl Arguments {
         if is_video(&config.scene) {
             return Ok(Some(config.scene.clone()));
         }
-        let options = OpenOptions { images: config.images.clone(), undistort: None, ..OpenOptions::default() };
+        let options = OpenOptions { images: config.images.clone(), ..OpenOptions::default() };
         match Scene::find(&config.scene, &options) {
             Err(scene::Error::NoPoses { images, .. }) => Ok(Some(images)),
             found => Ok(found.map(|()| None)?),

@@ -270,7 +270,7 @@ fn capture(
     console: &Console,
 ) -> Result<Capture, Error> {
     let images = trained.as_ref().and_then(|s| s.images.clone());
-    let mut scene = Scene::open(path, &OpenOptions { images, undistort: None, ..OpenOptions::default() })?;
+    let mut scene = Scene::open(path, &OpenOptions { images, ..OpenOptions::default() })?;
     // As a run does before it holds photos out; a capture without any photo still has its cameras.
     let mut photographed = scene.clone();
     if photographed.require_photos().is_ok() {

@@ -73,13 +73,7 @@ fn footprint_ratios(set: &TrainingSet<'_>) -> Vec<f64> {
 /// World units that a pixel covers at a point's depth; `None` if the view does not show the point.
 fn footprint(view: &View, position: DVec3) -> Option<f64> {
     let camera = &view.camera;
-    let p = camera.rotation * position + camera.translation;
-    if p.z <= 0.0 {
-        return None;
-    }
-    let at = p.truncate() / p.z * camera.focal + camera.principal;
-    let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < f64::from(camera.width) && at.y < f64::from(camera.height);
-    inside.then(|| p.z / camera.focal.element_product().sqrt())
+    camera.shows(position).then(|| camera.depth(position) / camera.focal.element_product().sqrt())
 }
 
 /// Substitute points for a scene without any: a ball around the point where the cameras look, whose radius is half

@@ -115,7 +115,7 @@ impl<'a> Encoder<'a> {
         unsafe { self.context.raw.end_command_buffer(self.commands) }.during("end commands")
     }
 
-    /// Goes on in another command buffer if this one would take too long with the next command. Barriers hold between
+    /// Continues in another command buffer if this one would take too long with the next command. Barriers hold between
     /// them, too: their order on the queue is that of one buffer.
     fn pace(&mut self, command: &Command) -> Result<(), Error> {
         let (Some(pace), Command::Dispatch(dispatch)) = (&self.context.pace, command) else { return Ok(()) };

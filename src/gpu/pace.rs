@@ -25,7 +25,7 @@ impl Pace {
     /// True if a kernel that follows `under_way` seconds of work of the same submission belongs into the next one;
     /// then its own expected time, and else both together.
     pub fn cuts(&self, under_way: f64, kernel: &'static str) -> (bool, f64) {
-        // What never ran yet gets a submission of its own.
+        // A kernel that never ran gets a submission of its own.
         let expected = lock(&self.kernels).get(kernel).copied().unwrap_or(self.limit);
         let cut = under_way > 0.0 && under_way + expected > self.limit;
         (cut, if cut { expected } else { under_way + expected })

@@ -9,6 +9,7 @@ use npyz::WriterBuilder;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
+use crate::gpu::Device;
 use crate::kernels::constants::sh::float64::SH_C0;
 use crate::pipeline::Error;
 use crate::render::{Image, Painter, Settings, Source};
@@ -30,24 +31,30 @@ pub struct Depths {
     pub median: Vec<f32>,
 }
 
-/// A model whose colours are depths, as shares of the largest one, which is returned with it.
-fn coloured(model: &Gaussians, camera: &Camera) -> (f64, Gaussians) {
-    let depth = |mean: &[f32; 3]| (camera.rotation * DVec3::from_array(mean.map(f64::from)) + camera.translation).z;
-    let depths: Vec<f64> = model.means.iter().map(depth).collect();
+/// Colours of degree 0 by which a picture of Gaussians with these means shows their depths, as shares of the largest one, which is
+/// returned with them.
+pub fn colours(means: &[[f32; 3]], camera: &Camera) -> (f64, Vec<f32>) {
+    let depths: Vec<f64> = means.iter().map(|mean| camera.depth(DVec3::from_array(mean.map(f64::from)))).collect();
     let far = depths.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let colour = |z: &f64| [((z / far - 0.5) / SH_C0) as f32; 3];
-    let sh = vec![depths.iter().flat_map(colour).collect()];
+    (far, depths.iter().flat_map(colour).collect())
+}
+
+/// A model of the same shapes with these colours of degree 0, a red, a green and a blue for each Gaussian.
+pub fn coloured(model: &Gaussians, colours: Vec<f32>) -> Gaussians {
     let Gaussians { means, log_scales, rotations, opacity_logits, .. } = model;
     let [means, log_scales] = [means, log_scales].map(Clone::clone);
-    (far, Gaussians { means, log_scales, rotations: rotations.clone(), opacity_logits: opacity_logits.clone(), sh })
+    let sh = vec![colours];
+    Gaussians { means, log_scales, rotations: rotations.clone(), opacity_logits: opacity_logits.clone(), sh }
 }
 
 /// Draws depths of one model.
 pub struct DepthPainter<'a> {
-    device: &'a crate::gpu::Device,
-    model: &'a Gaussians,
-    /// True if the device holds the whole model.
-    whole: bool,
+    device: &'a Device,
+    /// The model with depths as colours.
+    model: Gaussians,
+    /// The same on the device, if that holds the whole model.
+    resident: Option<Resident>,
     painter: Painter,
 }
 
@@ -57,17 +64,19 @@ impl<'a> DepthPainter<'a> {
     /// # Errors
     /// Device memory.
     pub fn new(
-        device: &'a crate::gpu::Device,
-        model: &'a Gaussians,
+        device: &'a Device,
+        model: &Gaussians,
         (settings, size, whole): (Settings, [u32; 2], bool),
     ) -> Result<Self, Error> {
         let settings = Settings { background: [0.0; 3], ..settings };
+        let model = coloured(model, vec![0.0; 3 * model.len()]);
+        let resident = whole.then(|| Resident::upload(device, &model)).transpose()?;
         let painter = if whole {
             Painter::new(device, settings, model.len(), size)?
         } else {
-            Painter::of(device, settings, Source::Host(model), size)?
+            Painter::of(device, settings, Source::Host(&model), size)?
         };
-        Ok(Self { device, model, whole, painter: painter.with_medians() })
+        Ok(Self { device, model, resident, painter: painter.with_medians() })
     }
 
     /// The depths that a camera sees.
@@ -75,12 +84,15 @@ impl<'a> DepthPainter<'a> {
     /// # Errors
     /// Device memory; device errors.
     pub fn draw(&mut self, camera: &Camera) -> Result<Depths, Error> {
-        let (far, model) = coloured(self.model, camera);
-        let Image { width, height, pixels } = if self.whole {
-            self.painter.render(Source::Device(&Resident::upload(self.device, &model)?), camera)?
+        let (far, colours) = colours(&self.model.means, camera);
+        let source = if let Some(resident) = &self.resident {
+            resident.parameters.sh[0].write(self.device, &colours)?;
+            Source::Device(resident)
         } else {
-            self.painter.render(Source::Host(&model), camera)?
+            self.model.sh[0] = colours;
+            Source::Host(&self.model)
         };
+        let Image { width, height, pixels } = self.painter.render(source, camera)?;
         let depth = |share: f32, over: f32| {
             if share > 0.0 && over > 0.0 { (f64::from(share) / f64::from(over) * far) as f32 } else { f32::INFINITY }
         };

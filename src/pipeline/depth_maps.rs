@@ -33,7 +33,7 @@ struct Map {
     depths: Vec<f32>,
 }
 
-/// What a map's scale is known by.
+/// Source of a map's scale.
 enum Scale {
     /// The capture's points.
     Points(f64),

@@ -47,6 +47,11 @@ impl Camera {
         Self { rotation, translation, ..self.clone() }
     }
 
+    /// A point's depth along the camera's axis, in world units; negative behind the camera.
+    pub fn depth(&self, point: DVec3) -> f64 {
+        (self.rotation * point + self.translation).z
+    }
+
     /// True if a point lies before the camera and within the image.
     pub fn shows(&self, point: DVec3) -> bool {
         let p = self.rotation * point + self.translation;

@@ -98,7 +98,7 @@ pub(super) fn load(
     let masked = has_masks && !announced;
     let done = AtomicUsize::new(0);
     // A damaged photo fails alone; a full disk ends everything.
-    let load_one = |at: usize, source: Result<&Source, Error>| {
+    let load_one = |at: usize, source: Result<&mut Source, Error>| {
         let decoded = source.map(|source| source.view(views[at], options.resize));
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
         Ok(match decoded {
@@ -123,7 +123,7 @@ pub(super) fn load(
             let mut each = |at: usize| {
                 // The first view has the reason.
                 let rest = || Error::photo(&group[0].image, "cannot be used");
-                load_one(at, source.as_mut().map_err(|error| std::mem::replace(error, rest())).map(|s| &*s))
+                load_one(at, source.as_mut().map_err(|error| std::mem::replace(error, rest())))
             };
             let of_group: Vec<_> = (first..first + group.len()).map(&mut each).collect();
             of_group
@@ -273,15 +273,16 @@ impl View {
         Ok(mask)
     }
 
-    fn resample<const C: usize>(&self, source: &Raster<C>, resize: Resize, alpha: bool) -> Raster<C> {
+    /// The part of a photo that the view shows. Pixels that are used as they are leave `source`: no other view shares them.
+    fn resample<const C: usize>(&self, source: &mut Raster<C>, resize: Resize, alpha: bool) -> Raster<C> {
         let camera = self.camera_at(resize);
-        let lens = || self.lens.resized(source.width, source.height);
+        let lens = self.lens.resized(source.width, source.height);
         if let Some(face) = &self.face {
-            cut(source, (&lens(), face), &camera, alpha)
+            cut(source, (&lens, face), &camera, alpha)
         } else if self.undistorts() {
-            undistort(source, &lens(), &camera, alpha)
+            undistort(source, &lens, &camera, alpha)
         } else if (source.width, source.height) == (camera.width, camera.height) {
-            source.clone()
+            Raster { pixels: std::mem::take(&mut source.pixels), ..*source }
         } else {
             area_average(source, camera.width, camera.height, alpha)
         }
@@ -310,12 +311,12 @@ struct Source {
 }
 
 impl Source {
-    /// What a view shows of it.
-    fn view(&self, view: &View, resize: Resize) -> Decoded {
-        let pixels = view.resample(&self.photo, resize, self.alpha).pixels;
+    /// The part that a view shows; see [`View::resample`].
+    fn view(&mut self, view: &View, resize: Resize) -> Decoded {
+        let pixels = view.resample(&mut self.photo, resize, self.alpha).pixels;
         let missing = |pixels: &[u8]| pixels.iter().skip(3).step_by(4).map(|&a| f64::from(255 - a) / 255.0).sum();
         let transparent = if self.alpha { missing(&pixels) } else { 0.0 };
-        let listed = match &self.mask {
+        let listed = match &mut self.mask {
             None => None,
             Some(Ok(mask)) => Some(view.resample(mask, resize, false).pixels),
             Some(Err(error)) => {

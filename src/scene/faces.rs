@@ -25,7 +25,7 @@ pub struct Face {
     pub photo: String,
     /// Rotation from the photo's camera coordinates to the face's.
     pub turn: DMat3,
-    /// What is nearer than this to straight down in the photo is not trained on, in radians: who held the camera.
+    /// Angle in radians: the photo is masked within it of straight down, where the photographer stands.
     pub pole: f64,
 }
 

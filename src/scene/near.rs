@@ -43,7 +43,7 @@ impl Scene {
 /// near and far things at once; without points, the median distance of the cameras from their mean.
 pub(super) fn size(views: &[View], points: &[Point]) -> f64 {
     let few = views.iter().step_by(views.len().div_ceil(LOOKS).max(1));
-    let depth = |view: &View, point: &Point| (view.camera.rotation * point.position + view.camera.translation).z;
+    let depth = |view: &View, point: &Point| view.camera.depth(point.position);
     let depths = points.iter().flat_map(|point| {
         let seen = point.track.iter().filter_map(|v| views.get(*v as usize));
         let looks = few.clone().filter(|_| point.track.is_empty());

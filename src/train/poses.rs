@@ -145,11 +145,9 @@ fn stay(corrections: &mut [Correction], given: &[Camera], depths: &[f64]) {
 
 /// Median depth of a model's centres in a camera's picture; `otherwise` if it shows none.
 fn depth(model: &Gaussians, camera: &Camera, otherwise: f64) -> f32 {
-    let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
     let seen = |mean: &[f32; 3]| {
-        let at = camera.rotation * DVec3::from(mean.map(f64::from)) + camera.translation;
-        let pixel = at.truncate() / at.z * camera.focal + camera.principal;
-        (at.z > 0.0 && pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all()).then_some(at.z)
+        let mean = DVec3::from(mean.map(f64::from));
+        camera.shows(mean).then(|| camera.depth(mean))
     };
     let mut depths: Vec<f64> = model.means.iter().filter_map(seen).collect();
     if depths.is_empty() {
@@ -157,15 +155,6 @@ fn depth(model: &Gaussians, camera: &Camera, otherwise: f64) -> f32 {
     }
     let half = depths.len() / 2;
     *depths.select_nth_unstable_by(half, f64::total_cmp).1 as f32
-}
-
-/// How far a run is.
-#[derive(Clone, Copy)]
-pub(super) struct Progress {
-    /// Iterations done.
-    pub iteration: u32,
-    /// Iterations of the run.
-    pub length: u32,
 }
 
 impl Poses {
@@ -231,12 +220,16 @@ impl Poses {
         });
     }
 
-    /// Moves the photos' cameras by what a round of photos told.
+    /// Moves the photos' cameras by the gradients of a round of photos, after iteration `iteration` of `length`.
     ///
     /// # Errors
     /// Device errors.
-    pub(super) fn step(&mut self, device: &Device, photos: &mut [Photo], at: Progress) -> Result<()> {
-        let Progress { iteration, length } = at;
+    pub(super) fn step(
+        &mut self,
+        device: &Device,
+        photos: &mut [Photo],
+        (iteration, length): (u32, u32),
+    ) -> Result<()> {
         let gradients = self.gradients.read(device)?;
         self.gradients.write(device, &vec![0.0; gradients.len()])?;
         let rounds = |iterations: f64| (iterations / photos.len() as f64).max(1.0);

@@ -19,7 +19,7 @@ fn open(root: &Path) -> Result<Scene, Error> {
 }
 
 fn open_images(root: &Path, images: &str) -> Result<Scene, Error> {
-    Scene::open(root, &OpenOptions { images: Some(PathBuf::from(images)), undistort: None, ..OpenOptions::default() })
+    Scene::open(root, &OpenOptions { images: Some(PathBuf::from(images)), ..OpenOptions::default() })
 }
 
 fn message(result: Result<Scene, Error>) -> String {

@@ -48,7 +48,7 @@ impl Doubts {
         }
     }
 
-    /// What to do, in sentences.
+    /// Advice, in sentences.
     fn advice(&self) -> Vec<String> {
         let mut said = Vec::new();
         let few = |names: &[&str]| {

@@ -76,8 +76,8 @@ pub enum Init {
     Model(PathBuf),
 }
 
-/// True for no angle at all. Its type is what serde asks for.
-#[allow(clippy::trivially_copy_pass_by_ref)]
+/// True for no angle at all.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_none(angle: &f64) -> bool {
     *angle == 0.0
 }
@@ -94,7 +94,7 @@ pub struct RunConfig {
     /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<String>,
-    /// What is nearer than this to straight down in a panorama is masked, in degrees.
+    /// Angle in degrees: panoramas are masked within it of straight down.
     #[serde(default, skip_serializing_if = "is_none")]
     pub pole_mask: f64,
     /// Folder of depth maps with the photos' names; the scene's own if absent.
@@ -158,7 +158,7 @@ pub struct Selection {
     pub images: Option<PathBuf>,
     /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     pub resolution: Option<String>,
-    /// What is nearer than this to straight down in a panorama is masked, in degrees.
+    /// Angle in degrees: panoramas are masked within it of straight down.
     #[serde(default, skip_serializing_if = "is_none")]
     pub pole_mask: f64,
     /// Folder of depth maps with the photos' names; the scene's own if absent.

@@ -78,6 +78,8 @@ impl BlockRun {
     pub fn plan(session: &Session<'_>, config: &RunConfig, blocks: Option<usize>) -> Result<Self, Error> {
         check(config)?;
         let mut config = config.clone();
+        // Blocks would each move the cameras that they share.
+        config.effects.set(Effect::Poses, Choice::Off);
         from_root(&mut config.scene, &mut config.images)?;
         if let Init::Model(path) = &mut config.init {
             *path = absolute(path)?;
@@ -89,10 +91,7 @@ impl BlockRun {
         let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
         let (decisions, _) = effects::decide(&prepared, &config)?;
         session.watcher.note(&effects::summary(&decisions));
-        // Blocks would each move the cameras that they share.
-        let mut config =
-            RunConfig { background: Some(prepared.background), poses: false, ..config.decided(&decisions) };
-        config.effects.set(Effect::Poses, Choice::Off);
+        let mut config = RunConfig { background: Some(prepared.background), ..config.decided(&decisions) };
         for decision in &decisions {
             if [Effect::ViewDependence, Effect::Exposure, Effect::Antialias, Effect::DepthOrder]
                 .contains(&decision.name)
