@@ -89,10 +89,11 @@ fn an_iteration_does_the_work_that_is_known() {
             work.barriers,
             adam.iter().map(|a| a.read + a.written).sum::<u64>() as f64 / n as f64,
         );
-        // Measured with subgroups of 8: at other widths, counters of sorts take more or fewer bytes.
-        let share = if device.info().subgroup_size == 8 { 0.03 } else { 0.1 };
+        // Measured with subgroups of 8: at other widths, sorts have more or fewer counters and levels of their sums.
+        let (levels, share) = if device.info().subgroup_size == 8 { (0, 0.03) } else { (2, 0.2) };
         let near = |got: f64, right: f64| (got - right).abs() <= share * right;
-        if (work.dispatches, work.barriers) != (expected.dispatches, expected.barriers)
+        if work.dispatches.abs_diff(expected.dispatches) > levels
+            || work.barriers.abs_diff(expected.barriers) > levels
             || !near(read, expected.read)
             || !near(written, expected.written)
         {
