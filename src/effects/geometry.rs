@@ -99,12 +99,16 @@ fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
 pub fn distortion(set: &TrainingSet<'_>) -> Decision {
     let moved = set.views().map(|v| v.lens.max_displacement()).fold(0.0, f64::max);
     let undistorted = set.views().filter(|v| v.undistorts()).count();
-    let evidence = if moved == 0.0 {
-        "every lens is an ideal pinhole".to_owned()
-    } else {
-        let are = if undistorted == 1 { "is" } else { "are" };
-        let photos = counted(undistorted, "photo");
-        format!("a lens moves some pixel by {moved:.2} px; {photos} {are} resampled once to a pinhole")
+    let cut = set.views().filter(|v| v.face.is_some()).count();
+    let shown = match (undistorted, cut) {
+        (n, 0) => format!("{} {} resampled once to a pinhole", counted(n, "photo"), if n == 1 { "is" } else { "are" }),
+        (0, n) => format!("photos see more than a pinhole shows and are cut into {}", counted(n, "view")),
+        (n, m) => format!("{} resampled once to a pinhole, {m} cut from wider photos", counted(n, "view")),
+    };
+    let evidence = match (moved, cut) {
+        (0.0, 0) => "every lens is an ideal pinhole".to_owned(),
+        (0.0, _) => shown,
+        _ => format!("a lens moves some pixel by {moved:.2} px; {shown}"),
     };
     Decision::by(Effect::Distortion, moved, VISIBLE_DISPLACEMENT, evidence)
 }

@@ -290,13 +290,13 @@ impl View {
 
     /// The mask of what its face hides, if that is anything, upon another.
     fn hide(&self, mask: Option<Vec<u8>>, resize: Resize) -> Option<Vec<u8>> {
-        let Some(face) = self.face.as_ref().filter(|face| face.pole > 0.0) else { return mask };
+        let Some(face) = self.face.as_ref().filter(|face| face.masked) else { return mask };
         let camera = self.camera_at(resize);
         let mut mask = mask.unwrap_or_else(|| vec![255; camera.pixels() as usize]);
         for (n, byte) in mask.iter_mut().enumerate() {
             let (x, y) = (n as u32 % camera.width, n as u32 / camera.width);
             let ray = (DVec2::new(f64::from(x), f64::from(y)) + 0.5 - camera.principal) / camera.focal;
-            *byte = if face.hides(ray.extend(1.0)) { 0 } else { *byte };
+            *byte = if face.hides(&self.lens, ray.extend(1.0)) { 0 } else { *byte };
         }
         Some(mask)
     }

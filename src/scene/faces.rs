@@ -1,12 +1,17 @@
-//! Faces: the pinhole views into which a photo is cut that sees more than one pinhole can show, as a panorama does. They are
-//! faces of a cube around the camera, which share its place.
+//! Faces: the pinhole views into which a photo is cut that sees more than one pinhole can show, as panoramas and wide
+//! fisheyes do. They are faces of a cube around the camera, which share its place; of a fisheye the parts that it sees.
+
+use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::lens::{Lens, LensModel};
+use super::lens::ideal::WIDEST;
+use super::lens::{Curve, Lens, LensModel};
 
-/// Pixels of a panorama's width by pixels of a face's side.
-const WIDTH_BY_SIDE: f64 = 4.0;
+/// Points along a side of a face at which it is asked what the lens sees.
+const LOOKS: u32 = 64;
+/// Least share of a face that is worth a view.
+const LEAST: f64 = 0.05;
 
 /// Names of the faces, in the order of names, with the axes right, down and forward of each in those of the photo.
 const CUBE: [(&str, [DVec3; 3]); 6] = [
@@ -27,27 +32,75 @@ pub struct Face {
     pub turn: DMat3,
     /// Angle in radians: the photo is masked within it of straight down, where the photographer stands.
     pub pole: f64,
+    /// Angle in radians from the lens's axis beyond which nothing is shown.
+    pub reach: f64,
+    /// True if a part of the face is hidden.
+    pub masked: bool,
 }
 
-/// A face without its photo: its name, its rotation, its side and its focal length in pixels.
+/// A face without its photo: its name, its rotation, and its pinhole with the size in pixels.
 pub(super) struct Cut {
     pub name: &'static str,
     pub turn: DMat3,
-    pub side: u32,
+    pub size: [u32; 2],
     pub focal: f64,
+    pub principal: DVec2,
+    pub reach: f64,
+    pub masked: bool,
 }
 
-/// The faces of a lens, in the order of their names; none if one pinhole shows what it sees.
+/// The faces of a lens, in the order of their names; none if one pinhole shows what it sees. A whole face is as many pixels wide
+/// as the photo is over a quarter turn in its middle.
 pub(super) fn of(lens: &Lens) -> Vec<Cut> {
-    if lens.model != LensModel::Equirectangular {
-        return Vec::new();
-    }
-    let side = (f64::from(lens.width) / WIDTH_BY_SIDE).round().max(1.0);
+    let Some(reach) = reach(lens) else { return Vec::new() };
+    let middle = lens.distort(DVec2::new(1e-6, 0.0)).x / 1e-6;
+    let per_radian = if lens.model == LensModel::Equirectangular { 1.0 } else { middle } * lens.focal.x;
+    let side = (FRAC_PI_2 * per_radian + 1e-6).round().clamp(1.0, f64::from(lens.width.max(lens.height)));
     let face = |(name, axes): (_, [DVec3; 3])| {
         let turn = DMat3::from_cols(axes[0], axes[1], axes[2]).transpose();
-        Cut { name, turn, side: side as u32, focal: 0.5 * side }
+        let ray = |at: DVec2| (2.0 * at / side - 1.0).extend(1.0);
+        let (mut low, mut high, mut seen) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0);
+        for n in 0..LOOKS * LOOKS {
+            let cell = DVec2::new(f64::from(n % LOOKS), f64::from(n / LOOKS));
+            let at = (cell + 0.5) * side / f64::from(LOOKS);
+            if lens.sees(turn.transpose() * ray(at), reach) {
+                let half = 0.5 * side / f64::from(LOOKS);
+                (low, high, seen) = (low.min(at - half), high.max(at + half), seen + 1);
+            }
+        }
+        let whole = seen == LOOKS * LOOKS;
+        let (low, high) = (low.floor(), high.ceil().min(DVec2::splat(side)));
+        let size = (high - low).to_array().map(|v| v as u32);
+        let principal = 0.5 * side - low;
+        let enough = f64::from(seen) >= LEAST * f64::from(LOOKS * LOOKS);
+        enough.then_some(Cut { name, turn, size, focal: 0.5 * side, principal, reach, masked: !whole })
     };
-    CUBE.map(face).into()
+    CUBE.into_iter().filter_map(face).collect()
+}
+
+/// The angle in radians from its axis to which a lens is drawn, if it sees more than a pinhole can show: twice the field of an
+/// undistorted lens. Beyond a right angle, a fisheye sees as far as the nearest side of its photo: the corners around a
+/// circle are black. Nothing counts from where the distortion folds.
+fn reach(lens: &Lens) -> Option<f64> {
+    if lens.model == LensModel::Equirectangular {
+        return Some(PI);
+    }
+    if lens.distortion.curve == Curve::Straight {
+        return None;
+    }
+    let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
+    let most = (WIDEST * 0.5 * size / lens.focal).to_array().map(f64::atan);
+    let middle = |axis: usize, last: bool| {
+        let mut pixel = 0.5 * size;
+        pixel[axis] = if last { size[axis] - 0.5 } else { 0.5 };
+        (axis, lens.angle_at(pixel))
+    };
+    let sides = [middle(0, false), middle(0, true), middle(1, false), middle(1, true)];
+    if !sides.iter().any(|(axis, angle)| angle.is_some_and(|angle| angle > most[*axis])) {
+        return None;
+    }
+    let nearest = sides.iter().filter_map(|(_, angle)| *angle).fold(PI, f64::min);
+    Some(nearest.max(FRAC_PI_2).min(lens.unfolded()))
 }
 
 /// The name of a face of a photo: `a/b.front.jpg` of `a/b.jpg`.
@@ -61,14 +114,21 @@ pub(super) fn name(photo: &str, face: &str) -> String {
 
 impl Face {
     /// True if what the face's camera sees along `ray` (its coordinates, any length) is not trained on.
-    pub(super) fn hides(&self, ray: DVec3) -> bool {
-        (self.turn.transpose() * ray).angle_between(DVec3::Y) < self.pole
+    pub(super) fn hides(&self, lens: &Lens, ray: DVec3) -> bool {
+        let ray = self.turn.transpose() * ray;
+        ray.angle_between(DVec3::Y) < self.pole || !lens.sees(ray, self.reach)
     }
 }
 
 impl Lens {
-    /// The pixel at which the lens shows a ray from the camera.
-    pub(super) fn pixel_of(&self, ray: DVec3) -> DVec2 {
-        DVec2::new(ray.x.atan2(ray.z), ray.y.atan2(DVec2::new(ray.x, ray.z).length())) * self.focal + self.principal
+    /// True if the photo shows a ray from the camera that is within `reach` (radians) of the axis.
+    fn sees(&self, ray: DVec3, reach: f64) -> bool {
+        let pixel = self.pixel_of(ray);
+        let size = DVec2::new(f64::from(self.width), f64::from(self.height));
+        // A panorama's edges are no edges.
+        let slack = 1e-9 * size.x;
+        ray.angle_between(DVec3::Z) <= reach
+            && pixel.cmpge(DVec2::splat(-slack)).all()
+            && pixel.cmple(size + slack).all()
     }
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::faces::Face;
-use super::lens::Lens;
+use super::lens::{Lens, LensModel};
 
 /// An image of `C` interleaved 8-bit channels, rows from the top.
 #[derive(Clone, Debug, PartialEq)]
@@ -117,8 +117,8 @@ pub(crate) fn undistort<const C: usize>(source: &Raster<C>, lens: &Lens, camera:
     Raster { width: camera.width, height: camera.height, pixels }
 }
 
-/// What `camera`, of a face, sees of a panorama: each output pixel averages n x n bilinear samples, n about the number of
-/// source pixels along its side in the middle. `lens` must have the panorama's size.
+/// What `camera`, of a face, sees of a photo: each output pixel averages n x n bilinear samples, n about the number of
+/// source pixels along its side in the middle. `lens` must have the photo's size.
 pub(crate) fn cut<const C: usize>(
     source: &Raster<C>,
     (lens, face): (&Lens, &Face),
@@ -128,9 +128,10 @@ pub(crate) fn cut<const C: usize>(
     let width = camera.width as usize;
     let n = ((lens.focal / camera.focal).max_element() - 0.25).ceil().clamp(1.0, 64.0) as usize;
     let back = face.turn.transpose();
+    let closed = lens.model == LensModel::Equirectangular;
     let sample = |place: DVec2| {
         let ray = ((place - camera.principal) / camera.focal).extend(1.0);
-        bilinear(source, lens.pixel_of(back * ray).as_vec2(), alpha, true)
+        bilinear(source, lens.pixel_of(back * ray).as_vec2(), alpha, closed)
     };
     let mut pixels = vec![0; width * camera.height as usize * C];
     pixels.par_chunks_mut(width * C).enumerate().for_each(|(y, out)| {
@@ -204,7 +205,7 @@ mod tests {
 
     #[test]
     fn undistortion_by_a_pinhole_lens_changes_nothing() {
-        let lens = Lens::from_colmap(super::super::lens::LensModel::Pinhole, 5, 4, &[6.0, 6.5, 2.4, 2.1]).unwrap();
+        let lens = Lens::from_colmap(LensModel::Pinhole, 5, 4, &[6.0, 6.5, 2.4, 2.1]).unwrap();
         let camera = Camera {
             rotation: glam::DMat3::IDENTITY,
             translation: glam::DVec3::ZERO,

@@ -115,17 +115,17 @@ impl View {
 
     /// The view of a face of this one's photo, without what is nearer than `pole` (radians) to straight down in the photo.
     pub(super) fn cut(&self, cut: &Cut, pole: f64) -> Self {
-        let (side, middle) = (cut.side, DVec2::splat(0.5 * f64::from(cut.side)));
         let camera = Camera {
             rotation: cut.turn * self.camera.rotation,
             translation: cut.turn * self.camera.translation,
             focal: DVec2::splat(cut.focal),
-            principal: middle,
-            width: side,
-            height: side,
+            principal: cut.principal,
+            width: cut.size[0],
+            height: cut.size[1],
             whole: None,
         };
-        let face = Face { photo: self.name.clone(), turn: cut.turn, pole };
+        let masked = pole > 0.0 || cut.masked;
+        let face = Face { photo: self.name.clone(), turn: cut.turn, pole, reach: cut.reach, masked };
         Self { name: faces::name(&self.name, cut.name), camera, face: Some(face), depth: None, ..self.clone() }
     }
 
@@ -134,9 +134,9 @@ impl View {
         self.face.as_ref().map_or(&self.name, |face| &face.photo)
     }
 
-    /// True if a part of the photo is not trained on: by a mask, or at a panorama's pole.
+    /// True if a part of the view is not trained on: by a mask, at a panorama's pole, or beyond a fisheye's rim.
     pub fn is_masked(&self) -> bool {
-        self.mask.is_some() || self.face.as_ref().is_some_and(|face| face.pole > 0.0)
+        self.mask.is_some() || self.face.as_ref().is_some_and(|face| face.masked)
     }
 
     /// True if the photo is resampled to one ideal pinhole rather than used as it is or cut into faces.

@@ -5,13 +5,14 @@ mod dialects;
 mod lens;
 mod panorama;
 mod shared;
+mod wide;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::support::files::writers::{Model, picture, row, transforms, write};
 use glam::{DVec2, DVec3};
-use qirf_vk::scene::lens::LensModel;
+use qirf_vk::scene::lens::{Curve, LensModel};
 use qirf_vk::scene::{AlphaRole, Error, LoadOptions, OpenOptions, Resize, Role, Scene, SceneKind, Split};
 
 fn open(root: &Path) -> Result<Scene, Error> {
@@ -113,7 +114,7 @@ fn nerfstudio_splits_intrinsics_and_points() {
     let opened = open(scene.path()).unwrap();
     assert_eq!(opened.split(8), Split { train: vec![0, 2], test: vec![1] });
     let lens = opened.views[0].lens;
-    assert_eq!((lens.model, lens.distortion.fisheye), (LensModel::OpenCvFisheye, true));
+    assert_eq!((lens.model, lens.distortion.curve), (LensModel::OpenCvFisheye, Curve::Angle));
     assert_eq!(lens.focal, DVec2::new(50.0, 51.0));
     assert_eq!(opened.points.len(), 1);
     assert_eq!((opened.points[0].position, opened.points[0].colour), (DVec3::new(1.0, 2.0, 3.0), [4, 5, 6]));

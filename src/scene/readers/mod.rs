@@ -25,7 +25,7 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use super::faces::{self, Cut};
-use super::lens::{Lens, Pinhole, VISIBLE_DISPLACEMENT};
+use super::lens::{Lens, LensModel, Pinhole, VISIBLE_DISPLACEMENT};
 use super::merge::merge_repeated;
 use super::near::near;
 use super::view::{FOLDED, Role, View};
@@ -297,7 +297,10 @@ struct Ideal {
 impl Ideal {
     /// None if the lens folds its image.
     fn of(lens: &Lens, options: &OpenOptions) -> Option<Self> {
-        let faces = faces::of(lens);
+        let mut faces = faces::of(lens);
+        if options.undistort == Some(false) && lens.model != LensModel::Equirectangular {
+            faces.clear();
+        }
         let bends = || options.undistort.unwrap_or_else(|| lens.max_displacement() > VISIBLE_DISPLACEMENT);
         if !faces.is_empty() || !bends() {
             return Some(Self { pinhole: None, faces });

@@ -14,7 +14,7 @@ use serde_json::Value;
 use super::masks::Masks;
 use super::names::{Lookup, tidy};
 use super::{ListedView, Listing, clouds, files, point_ply, pose};
-use crate::scene::lens::{Distortion, Lens, LensModel};
+use crate::scene::lens::{Curve, Distortion, Lens, LensModel};
 use crate::scene::view::Role;
 use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
 
@@ -324,22 +324,15 @@ impl Intrinsics {
             // All directions, whatever focal length is given.
             return Lens::panorama(width.into(), height.into()).map_err(LensFault::Other);
         }
-        let fisheye = matches!(
-            model,
-            LensModel::OpenCvFisheye
-                | LensModel::SimpleRadialFisheye
-                | LensModel::RadialFisheye
-                | LensModel::SimpleFisheye
-                | LensModel::Fisheye
-        );
+        let curve = if model.is_fisheye() { Curve::Angle } else { Curve::Straight };
         let k = [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6].map(|k| k.unwrap_or(0.0));
         let (radial, denominator) = if model == LensModel::FullOpenCv {
             ([k[0], k[1], k[2], 0.0, 0.0, 0.0], [k[3], k[4], k[5]])
         } else {
             ([k[0], k[1], k[2], k[3], 0.0, 0.0], [0.0; 3])
         };
-        let tangential = if fisheye { [0.0; 2] } else { [self.p1, self.p2].map(|p| p.unwrap_or(0.0)) };
-        let distortion = Distortion { fisheye, radial, denominator, tangential, ..Distortion::default() };
+        let tangential = if model.is_fisheye() { [0.0; 2] } else { [self.p1, self.p2].map(|p| p.unwrap_or(0.0)) };
+        let distortion = Distortion { curve, radial, denominator, tangential, ..Distortion::default() };
         let size = DVec2::new(f64::from(width), f64::from(height));
         let from_angle = |extent: f64, angle: f64| 0.5 * extent / (0.5 * angle).tan();
         let fx = self.fl_x.or_else(|| self.camera_angle_x.map(|a| from_angle(size.x, a)));

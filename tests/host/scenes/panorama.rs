@@ -13,7 +13,7 @@ use crate::support::files::writers::{Model, write};
 const FACES: [&str; 6] = ["back", "down", "front", "left", "right", "up"];
 
 /// A colour for each direction of the world.
-fn colour(direction: DVec3) -> [f64; 3] {
+pub(super) fn colour(direction: DVec3) -> [f64; 3] {
     direction.normalize().to_array().map(|v| 127.5 + 100.0 * v)
 }
 
@@ -44,7 +44,7 @@ fn capture(root: &Path, names: &[&str], [width, height]: [u32; 2]) -> Vec<DMat3>
 }
 
 /// The world's direction at a pixel's middle.
-fn direction(photo: &Photo, n: usize) -> DVec3 {
+pub(super) fn direction(photo: &Photo, n: usize) -> DVec3 {
     let camera = &photo.camera;
     let (x, y) = (n as u32 % camera.width, n as u32 / camera.width);
     let ray = (DVec2::new(f64::from(x), f64::from(y)) + 0.5 - camera.principal) / camera.focal;

@@ -166,14 +166,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
 fn misfit(lens: &Lens, pose: (DMat3, DVec3), marks: &[Mark], places: &HashMap<u64, DVec3>) -> Option<f64> {
     let off = |(pixel, id): &Mark| {
         let p = pose.0 * *places.get(id)? + pose.1;
-        let shown = if lens.model == LensModel::Equirectangular {
-            lens.pixel_of(p)
-        } else if p.z > 0.0 {
-            lens.project(p.truncate() / p.z)
-        } else {
-            DVec2::NAN
-        };
-        let off = shown.distance(*pixel);
+        let off = lens.pixel_of(p).distance(*pixel);
         Some(if off.is_finite() { off } else { f64::from(lens.width) })
     };
     let mut all: Vec<f64> = marks.iter().filter_map(off).collect();
