@@ -196,6 +196,7 @@ fn capture(error: &scene::Error) -> Option<String> {
         scene::Error::NoScene { root, .. } => {
             Some(other_kind(root).unwrap_or_else(|| "give the folder that holds one of them".to_owned()))
         }
+        scene::Error::SeveralScenes { .. } => plain("give the folder of one"),
         scene::Error::NoImageFolder { .. } => plain("give one with --images"),
         scene::Error::NoPhotos { what, .. } if what.ends_with("does not exist") => {
             plain("name their folder with --images DIR")
@@ -261,7 +262,7 @@ fn install(programs: &[&str], windows: bool) -> String {
 fn pose(root: &Path, images: &Path) -> String {
     let input =
         if images == root || ["images", "input"].iter().any(|sub| images == root.join(sub)) { root } else { images };
-    format!("`qirf-vk pose {} -o SCENE` estimates that", quoted(input))
+    format!("`qirf-vk pose {} -o SCENE` estimates them", quoted(input))
 }
 
 /// A path quoted for a shell.
@@ -328,7 +329,8 @@ mod tests {
         for path in [&run.join("config.toml"), &run.join("model.ply"), &file] {
             std::fs::write(path, "").unwrap();
         }
-        let no_scene = |root: &Path| scene::Error::NoScene { root: root.to_owned(), looked_for: "" };
+        let no_scene =
+            |root: &Path| scene::Error::NoScene { root: root.to_owned(), looked_for: "", beside: String::new() };
         says(no_scene(&run), &["folder of a run", "model.ply", "config.toml"]);
         says(no_scene(&file), &["it is a model", "qirf-vk view"]);
         says(
@@ -343,8 +345,12 @@ mod tests {
 
     #[test]
     fn photos_without_poses_are_told_the_command() {
-        let error =
-            |root: &str, images: &str| scene::Error::NoPoses { root: root.into(), images: images.into(), photos: 3 };
+        let error = |root: &str, images: &str| scene::Error::NoPoses {
+            root: root.into(),
+            images: images.into(),
+            photos: 3,
+            beside: String::new(),
+        };
         says(error("/s", "/s/images"), &["`qirf-vk pose /s -o SCENE`"]);
         says(error("/s", "/s/small"), &["`qirf-vk pose /s/small -o SCENE`"]);
         says(error("a b's", "a b's"), &[r"`qirf-vk pose 'a b'\''s' -o SCENE`"]);

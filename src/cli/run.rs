@@ -176,7 +176,12 @@ impl Arguments {
         }
         let options = OpenOptions { images: config.images.clone(), ..OpenOptions::default() };
         match Scene::find(&config.scene, &options) {
-            Err(scene::Error::NoPoses { images, .. }) => Ok(Some(images)),
+            Err(scene::Error::NoPoses { images, beside, .. }) => {
+                if !beside.is_empty() {
+                    tracing::warn!("poses are estimated{}", beside.replacen(';', ":", 1));
+                }
+                Ok(Some(images))
+            }
             found => Ok(found.map(|()| None)?),
         }
     }

@@ -43,7 +43,7 @@ pub enum Error {
         model: String,
     },
     /// The folder holds photos, but no camera poses.
-    #[error("{images} has {photos} photos, but {root} has no camera poses")]
+    #[error("{images} has {photos} photos, but {root} has no camera poses{beside}")]
     NoPoses {
         /// The folder given.
         root: PathBuf,
@@ -51,17 +51,29 @@ pub enum Error {
         images: PathBuf,
         /// Number of photos in that folder.
         photos: usize,
+        /// What else lies there that may hold poses; may be empty.
+        beside: String,
     },
     /// The path holds no scene.
     #[error(
         "{root} holds no scene; looked for {looked_for}, and for photos (jpg, png, webp, tif, exr) in it, its images and its input \
-         folder, and in their subfolders"
+         folder, and in their subfolders{beside}"
     )]
     NoScene {
         /// The path given.
         root: PathBuf,
         /// The places searched.
         looked_for: &'static str,
+        /// What lies there that may hold poses; may be empty.
+        beside: String,
+    },
+    /// The folder holds several scenes.
+    #[error("{root} holds {} scenes: {}", .names.len(), .names.join(", "))]
+    SeveralScenes {
+        /// The folder given.
+        root: PathBuf,
+        /// Their folders in it.
+        names: Vec<String>,
     },
     /// The requested photo folder does not exist.
     #[error("no folder {asked} in {root}{}", known_folders(.known))]

@@ -4,6 +4,7 @@ mod damage;
 mod dialects;
 mod lens;
 mod panorama;
+mod places;
 mod shared;
 mod wide;
 
@@ -358,7 +359,7 @@ fn transforms_faults_name_the_frame() {
     let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
     let frame = |extra: &str| format!(r#"{{"file_path": "a.png", "transform_matrix": {pose}{extra}}}"#);
     let size = r#""fl_x": 50, "w": 64, "h": 48"#;
-    says(&message(attempt("{\n\"frames\": [NaN]}")), &["line 2", "not JSON"]);
+    says(&message(attempt("{\n\"frames\": [NAN]}")), &["line 2", "not JSON"]);
     says(&message(attempt("{}")), &["frames"]);
     says(&message(attempt(&format!("{{{size}, \"frames\": [{{\"file_path\": 3}}]}}"))), &["frame 1"]);
     says(&message(attempt(&format!("{{\"fl_x\": 50, \"frames\": [{}]}}", frame("")))), &["frame 1", "no w and h"]);

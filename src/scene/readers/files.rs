@@ -83,9 +83,19 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Error> {
     fs::read(path).map_err(|e| Error::io(path, e))
 }
 
-/// Reads a whole text file, without the byte order mark that editors of Windows put before it.
+/// Reads a whole text file in UTF-8, or in the UTF-16 that Windows writes, without its byte order mark.
 pub(super) fn read_text(path: &Path) -> Result<String, Error> {
     let mut bytes = read(path)?;
+    let wide =
+        |of: fn([u8; 2]) -> u16| bytes[2..].as_chunks::<2>().0.iter().map(|pair| of(*pair)).collect::<Vec<u16>>();
+    let wide = match bytes.get(..2) {
+        Some([0xff, 0xfe]) => Some(wide(u16::from_le_bytes)),
+        Some([0xfe, 0xff]) => Some(wide(u16::from_be_bytes)),
+        _ => None,
+    };
+    if let Some(text) = wide.and_then(|wide| String::from_utf16(&wide).ok()) {
+        return Ok(text);
+    }
     if bytes.starts_with(b"\xef\xbb\xbf") {
         bytes.drain(..3);
     }

@@ -7,8 +7,10 @@
 mod clouds;
 mod colmap;
 mod files;
+mod foreign;
 mod masks;
 mod names;
+mod place;
 mod point_ply;
 mod pose;
 mod transforms;
@@ -24,6 +26,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use self::place::{Place, Poses};
 use super::faces::{self, Cut};
 use super::lens::{Lens, LensModel, Pinhole, VISIBLE_DISPLACEMENT};
 use super::merge::merge_repeated;
@@ -81,70 +84,19 @@ impl Scene {
     /// # Errors
     /// [`Error::NoPoses`] for a folder of photos alone; [`Error::NoScene`]; [`Error::Io`].
     pub fn find(path: &Path, options: &OpenOptions) -> Result<(), Error> {
-        find(path, options).map(|_| ())
+        place::find(path, options).map(|_| ())
     }
-}
-
-/// The places that [`open`] tries, in this order.
-const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0 (or another number), sparse and \
-                          colmap/sparse/0, transforms.json, transforms_train.json";
-
-/// The files that hold a scene's poses.
-enum Found {
-    Colmap { root: PathBuf, model: PathBuf, note: Option<String> },
-    Transforms { root: PathBuf, file: PathBuf },
 }
 
 /// Finds the scene at `path` and reads it.
 fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
-    let listing = match find(path, options)? {
-        Found::Colmap { root, model, note } => {
-            let mut listing = colmap::read(&root, &model, options)?;
-            listing.skipped.notes.extend(note);
-            listing
-        }
-        Found::Transforms { root, file } => transforms::read(&root, &file, options)?,
+    let Place { root, outer, poses, note } = place::find(path, options)?;
+    let mut listing = match poses {
+        Poses::Colmap(model) => colmap::read(&root, &model, options)?,
+        Poses::Transforms(file) => transforms::read(&root, &outer, &file, options)?,
     };
+    listing.skipped.notes.extend(note);
     assemble(listing, options)
-}
-
-/// Finds the scene at `path`, and reads nothing.
-fn find(path: &Path, options: &OpenOptions) -> Result<Found, Error> {
-    std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
-    let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
-    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let root = folder.to_owned();
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-        return Ok(Found::Transforms { root, file: path.to_owned() });
-    }
-    let part_of_model =
-        ["cameras", "images", "points3D"].iter().any(|part| path.file_stem().is_some_and(|s| s == *part));
-    if path.is_file() && !part_of_model {
-        return Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR });
-    }
-    if colmap::is_model(folder) {
-        return Ok(Found::Colmap { root, model: folder.to_owned(), note: None });
-    }
-    let sparse = folder.file_name().is_some_and(|name| name == "sparse");
-    if let Some((model, note)) = colmap::largest(folder).filter(|_| sparse) {
-        let root = folder.parent().map_or(root, Path::to_owned);
-        return Ok(Found::Colmap { root, model, note });
-    }
-    if let Some((model, note)) = colmap::largest(&folder.join("sparse")) {
-        return Ok(Found::Colmap { root, model, note });
-    }
-    let named = ["transforms.json", "transforms_train.json"].map(|name| folder.join(name));
-    if let Some(file) = named.into_iter().find(|file| file.is_file()) {
-        return Ok(Found::Transforms { root, file });
-    }
-    if let Some((model, note)) = colmap::largest(&folder.join("colmap/sparse")) {
-        return Ok(Found::Colmap { root, model, note });
-    }
-    if let Some(images) = photo_folder(folder, options.images.as_deref()) {
-        let photos = photo_names(&images).len();
-        return Err(Error::NoPoses { root, images, photos });
-    }
-    Err(Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR })
 }
 
 /// The folder of a capture's photos: the one asked for, its images or its input folder, or the capture itself.

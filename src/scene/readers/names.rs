@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 
 use unicode_normalization::UnicodeNormalization;
 
+use super::tree::is_scene;
+
 /// Extensions of photos, in the order in which they are tried for names without one.
 pub(super) const EXTENSIONS: [&str; 14] =
     ["png", "jpg", "jpeg", "JPG", "PNG", "JPEG", "webp", "WEBP", "tif", "tiff", "TIF", "TIFF", "exr", "EXR"];
@@ -129,8 +131,17 @@ impl Lookup {
         Self { folder: folder.to_owned(), files: OnceCell::new() }
     }
 
-    /// The path within the folder of the only photo that can be meant by `name`.
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The path within the folder of the only photo that can be meant by `name`, which may be written as in a URL.
     pub fn find(&self, name: &str) -> Option<String> {
+        self.found(name).or_else(|| self.found(&unescaped(name)?))
+    }
+
+    fn found(&self, name: &str) -> Option<String> {
         let files = self.files.get_or_init(|| Files::of(&self.folder));
         let foreign = name.starts_with(['/', '\\']) || relative(name) != tidy(name);
         let key = key(&relative(name));
@@ -154,7 +165,12 @@ impl Files {
         let mut files = Self { flat: true, ..Self::default() };
         let mut open = vec![(folder.to_owned(), String::new())];
         while let Some((path, prefix)) = open.pop() {
-            for entry in fs::read_dir(path).into_iter().flatten().flatten() {
+            let entries: Vec<_> = fs::read_dir(path).into_iter().flatten().flatten().collect();
+            // Photos of another scene, perhaps undistorted ones, are not this one's.
+            if !prefix.is_empty() && is_scene(&entries) {
+                continue;
+            }
+            for entry in entries {
                 let Ok(own) = entry.file_name().into_string() else { continue };
                 let name = format!("{prefix}{own}");
                 if own.starts_with('.') {
@@ -172,6 +188,24 @@ impl Files {
         }
         files
     }
+}
+
+/// A name with the bytes that it writes as %20; none if it writes none so.
+fn unescaped(name: &str) -> Option<String> {
+    let (mut bytes, mut rest) = (Vec::new(), name.as_bytes());
+    while let Some((first, more)) = rest.split_first() {
+        let code = more.get(..2).and_then(|hex| u8::from_str_radix(std::str::from_utf8(hex).ok()?, 16).ok());
+        let (byte, after) = if *first == b'%'
+            && let Some(code) = code
+        {
+            (code, &more[2..])
+        } else {
+            (*first, more)
+        };
+        bytes.push(byte);
+        rest = after;
+    }
+    String::from_utf8(bytes).ok().filter(|plain| plain != name)
 }
 
 /// The only file, or the only one with the extension of `name`.

@@ -36,6 +36,11 @@ const MARKS: [&str; 8] = [
     "metrics.json",
 ];
 
+/// True if these files and folders make their folder a scene with poses, or a result.
+pub(super) fn is_scene(entries: &[fs::DirEntry]) -> bool {
+    entries.iter().any(|e| MARKS.iter().any(|mark| e.file_name() == *mark))
+}
+
 /// Photos in a folder and its subfolders.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PhotoTree {
@@ -58,7 +63,7 @@ impl PhotoTree {
         let mut open = vec![(folder.to_owned(), String::new())];
         while let Some((path, prefix)) = open.pop() {
             let entries: Vec<_> = fs::read_dir(path).into_iter().flatten().flatten().collect();
-            let marked = entries.iter().any(|e| MARKS.iter().any(|mark| e.file_name() == *mark));
+            let marked = is_scene(&entries);
             if marked && !prefix.is_empty() {
                 tree.left_out.push(prefix.trim_end_matches('/').to_owned());
                 continue;

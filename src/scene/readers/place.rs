@@ -1,0 +1,127 @@
+//! Where a scene's poses lie: in the folder given, or in one within it.
+
+use std::path::{Path, PathBuf};
+
+use super::{colmap, foreign, photo_folder, photo_names};
+use crate::scene::{Error, OpenOptions};
+
+/// The places where [`find`] looks, in this order.
+const LOOKED_FOR: &str = "cameras.bin/.txt with images.bin/.txt (COLMAP) in it, in sparse/0 (or another number), sparse, \
+                          colmap/sparse/0 and distorted/sparse/0, transforms.json, transforms_train.json, and for one folder \
+                          that holds them";
+
+/// The files that hold poses.
+pub(super) enum Poses {
+    /// The folder of a COLMAP model.
+    Colmap(PathBuf),
+    /// A transforms file.
+    Transforms(PathBuf),
+}
+
+/// A scene's place.
+pub(super) struct Place {
+    /// Its folder.
+    pub root: PathBuf,
+    /// The folder in which it was found: below it, photos may lie.
+    pub outer: PathBuf,
+    /// Its poses.
+    pub poses: Poses,
+    /// What the user should know of the choice.
+    pub note: Option<String>,
+}
+
+/// Finds the scene at `path`, and reads nothing.
+pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
+    std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
+    let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
+        return Ok(Place::of(folder, Poses::Transforms(path.to_owned())));
+    }
+    let nothing = |root: &Path, beside| Error::NoScene { root: root.to_owned(), looked_for: LOOKED_FOR, beside };
+    let part_of_model =
+        ["cameras", "images", "points3D"].iter().any(|part| path.file_stem().is_some_and(|s| s == *part));
+    if path.is_file() && !part_of_model {
+        return Err(nothing(path, String::new()));
+    }
+    if let Some(place) = here(folder, options) {
+        return Ok(place);
+    }
+    let mut inner = within(folder);
+    if inner.is_empty() {
+        inner = within(&folder.join("dense"));
+    }
+    if inner.len() > 1 {
+        let names = inner.into_iter().map(|place| name_in(folder, &place.root)).collect();
+        return Err(Error::SeveralScenes { root: folder.to_owned(), names });
+    }
+    if let Some(place) = inner.pop() {
+        let note = format!("no poses in {} itself: {} in it is used", folder.display(), name_in(folder, &place.root));
+        return Ok(Place { outer: folder.to_owned(), note: Some(place.note.unwrap_or(note)), ..place });
+    }
+    let beside = foreign::poses(folder);
+    match photo_folder(folder, options.images.as_deref()) {
+        Some(images) => {
+            let photos = photo_names(&images).len();
+            Err(Error::NoPoses { root: folder.to_owned(), images, photos, beside })
+        }
+        None => Err(nothing(path, beside)),
+    }
+}
+
+impl Place {
+    fn of(root: &Path, poses: Poses) -> Self {
+        Self { root: root.to_owned(), outer: root.to_owned(), poses, note: None }
+    }
+}
+
+/// The path of a folder within another.
+fn name_in(folder: &Path, inner: &Path) -> String {
+    inner.strip_prefix(folder).unwrap_or(inner).display().to_string()
+}
+
+/// The scene whose poses lie in a folder.
+fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
+    let colmap = |root: &Path, place: &Path| {
+        let (model, note) = colmap::largest(place)?;
+        Some(Place { note, ..Place::of(root, Poses::Colmap(model)) })
+    };
+    if colmap::is_model(folder) {
+        return Some(Place::of(folder, Poses::Colmap(folder.to_owned())));
+    }
+    if folder.file_name().is_some_and(|name| name == "sparse")
+        && let Some(place) = colmap(folder.parent().unwrap_or(folder), folder)
+    {
+        return Some(place);
+    }
+    if let Some(place) = colmap(folder, &folder.join("sparse")) {
+        // Where only undistorted photos are left, the cameras are those beside them.
+        let elsewhere = photo_folder(folder, options.images.as_deref()).is_none();
+        let undistorted = if elsewhere { within(&folder.join("dense")).pop() } else { None };
+        return Some(match undistorted {
+            Some(dense) => {
+                let note =
+                    format!("the undistorted photos of {} and their cameras are used", name_in(folder, &dense.root));
+                Place { note: Some(note), ..dense }
+            }
+            None => place,
+        });
+    }
+    let named = ["transforms.json", "transforms_train.json"].map(|name| folder.join(name));
+    if let Some(file) = named.into_iter().find(|file| file.is_file()) {
+        return Some(Place::of(folder, Poses::Transforms(file)));
+    }
+    ["colmap/sparse", "distorted/sparse"].iter().find_map(|place| colmap(folder, &folder.join(place)))
+}
+
+/// The scenes in a folder's subfolders, sorted, without results of this program.
+fn within(folder: &Path) -> Vec<Place> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut folders: Vec<PathBuf> =
+        entries.filter(|e| !e.file_name().to_string_lossy().starts_with('.')).map(|e| e.path()).collect();
+    folders.sort();
+    let result =
+        |path: &Path| ["pose.json", "config.toml", "metrics.json"].iter().any(|file| path.join(file).is_file());
+    let scenes = folders.into_iter().filter(|path| path.is_dir() && !result(path));
+    scenes.filter_map(|path| here(&path, &OpenOptions::default())).collect()
+}

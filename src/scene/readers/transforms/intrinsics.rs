@@ -1,0 +1,150 @@
+//! Intrinsics in transforms files: of the file or of one of its frames.
+
+use std::f64::consts::PI;
+
+use glam::DVec2;
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::scene::lens::{Curve, Distortion, Lens, LensModel};
+
+/// Intrinsics of the file or of one of its frames.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Intrinsics {
+    camera_angle_x: Option<f64>,
+    camera_angle_y: Option<f64>,
+    fl_x: Option<f64>,
+    fl_y: Option<f64>,
+    fx: Option<f64>,
+    fy: Option<f64>,
+    cx: Option<f64>,
+    cy: Option<f64>,
+    w: Option<f64>,
+    h: Option<f64>,
+    width: Option<f64>,
+    height: Option<f64>,
+    k1: Option<f64>,
+    k2: Option<f64>,
+    k3: Option<f64>,
+    k4: Option<f64>,
+    k5: Option<f64>,
+    k6: Option<f64>,
+    p1: Option<f64>,
+    p2: Option<f64>,
+    camera_model: Option<String>,
+    is_fisheye: Option<bool>,
+}
+
+/// Models whose parameters have no names in these files.
+const UNNAMED: [LensModel; 6] = [
+    LensModel::ThinPrismFisheye,
+    LensModel::RadTanThinPrismFisheye,
+    LensModel::Fov,
+    LensModel::SimpleDivision,
+    LensModel::Division,
+    LensModel::Eucm,
+];
+
+pub(super) enum LensFault {
+    Model(String),
+    Other(String),
+}
+
+impl Intrinsics {
+    /// The intrinsics that a file or a frame gives, under the usual names.
+    ///
+    /// # Errors
+    /// A field of another type.
+    pub fn of(json: &Value) -> Result<Self, serde_json::Error> {
+        let found = Self::deserialize(json)?;
+        Ok(Self {
+            fl_x: found.fl_x.or(found.fx),
+            fl_y: found.fl_y.or(found.fy),
+            w: found.w.or(found.width),
+            h: found.h.or(found.height),
+            ..found
+        })
+    }
+
+    /// The frame's own values if given, otherwise the file's; a frame's own field of view replaces the file's focal
+    /// length.
+    pub fn over(&self, common: &Self) -> Self {
+        let angles = self.camera_angle_x.is_some() && self.fl_x.is_none();
+        let focal = |own: Option<f64>, file: Option<f64>| if angles { own } else { own.or(file) };
+        Self {
+            fl_x: focal(self.fl_x, common.fl_x),
+            fl_y: focal(self.fl_y, common.fl_y),
+            camera_angle_x: self.camera_angle_x.or(common.camera_angle_x),
+            camera_angle_y: focal(self.camera_angle_y, common.camera_angle_y),
+            cx: self.cx.or(common.cx),
+            cy: self.cy.or(common.cy),
+            w: self.w.or(common.w),
+            h: self.h.or(common.h),
+            k1: self.k1.or(common.k1),
+            k2: self.k2.or(common.k2),
+            k3: self.k3.or(common.k3),
+            k4: self.k4.or(common.k4),
+            k5: self.k5.or(common.k5),
+            k6: self.k6.or(common.k6),
+            p1: self.p1.or(common.p1),
+            p2: self.p2.or(common.p2),
+            camera_model: self.camera_model.clone().or_else(|| common.camera_model.clone()),
+            is_fisheye: self.is_fisheye.or(common.is_fisheye),
+            ..Self::default()
+        }
+    }
+
+    /// Width and height if given; absurd ones become 0, which no lens accepts.
+    pub fn size(&self) -> Option<(u32, u32)> {
+        let whole = |x: f64| x.round() as u32; // saturates; NaN gives 0
+        Some((whole(self.w?), whole(self.h?)))
+    }
+
+    pub fn lens(&self, width: u32, height: u32) -> Result<Lens, LensFault> {
+        let model = match self.camera_model.as_deref() {
+            None if self.is_fisheye == Some(true) => LensModel::OpenCvFisheye,
+            None => LensModel::OpenCv,
+            Some(name) => match name.to_uppercase().as_str() {
+                "PERSPECTIVE" => LensModel::OpenCv,
+                upper => match LensModel::from_name(upper) {
+                    Some(model) if !UNNAMED.contains(&model) => model,
+                    _ => return Err(LensFault::Model(name.to_owned())),
+                },
+            },
+        };
+        if model == LensModel::Equirectangular {
+            // All directions, whatever focal length is given.
+            return Lens::panorama(width.into(), height.into()).map_err(LensFault::Other);
+        }
+        let curve = if model.is_fisheye() { Curve::Angle } else { Curve::Straight };
+        let k = [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6].map(|k| k.unwrap_or(0.0));
+        let (radial, denominator) = if model == LensModel::FullOpenCv {
+            ([k[0], k[1], k[2], 0.0, 0.0, 0.0], [k[3], k[4], k[5]])
+        } else {
+            ([k[0], k[1], k[2], k[3], 0.0, 0.0], [0.0; 3])
+        };
+        let tangential = if model.is_fisheye() { [0.0; 2] } else { [self.p1, self.p2].map(|p| p.unwrap_or(0.0)) };
+        let distortion = Distortion { curve, radial, denominator, tangential, ..Distortion::default() };
+        let size = DVec2::new(f64::from(width), f64::from(height));
+        for angle in [self.camera_angle_x, self.camera_angle_y].into_iter().flatten() {
+            if !(angle > 0.0 && angle < PI) {
+                let what = format!("its camera_angle {angle} is no angle of view in radians; is it in degrees?");
+                return Err(LensFault::Other(what));
+            }
+        }
+        let from_angle = |extent: f64, angle: f64| 0.5 * extent / (0.5 * angle).tan();
+        let fx = self.fl_x.or_else(|| self.camera_angle_x.map(|a| from_angle(size.x, a)));
+        let fy = self.fl_y.or_else(|| match (self.fl_x, self.camera_angle_y) {
+            (None, Some(angle)) => Some(from_angle(size.y, angle)),
+            _ => fx,
+        });
+        let (Some(fx), Some(fy)) = (fx.or(fy), fy) else {
+            return Err(LensFault::Other("gives neither fl_x nor camera_angle_x; add one".to_owned()));
+        };
+        let principal = DVec2::new(self.cx.unwrap_or(0.5 * size.x), self.cy.unwrap_or(0.5 * size.y));
+        let model = if distortion == Distortion::default() { LensModel::Pinhole } else { model };
+        let lens = Lens { model, width, height, focal: DVec2::new(fx, fy), principal, distortion };
+        lens.checked().map_err(LensFault::Other)
+    }
+}

@@ -1,0 +1,310 @@
+//! Blender's transforms_{train,val,test}.json; instant-ngp's and nerfstudio's transforms.json.
+//!
+//! Poses are camera-to-world with OpenGL's camera axes. World coordinates are the file's: nerfstudio's
+//! `applied_transform` (the difference from COLMAP's) is not undone, and its point cloud lies in the same world.
+//! instant-ngp's `scale`, `offset` and `aabb_scale` concern its own volume only and are ignored.
+
+mod intrinsics;
+
+use std::collections::HashMap;
+use std::iter;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use super::masks::Masks;
+use super::names::{Lookup, tidy};
+use super::{ListedView, Listing, clouds, files, point_ply, pose};
+use crate::scene::lens::Lens;
+use crate::scene::view::Role;
+use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
+use crate::wording::counted;
+use intrinsics::{Intrinsics, LensFault};
+
+#[derive(Deserialize)]
+struct Frame {
+    file_path: String,
+    #[serde(default)]
+    transform_matrix: Value,
+    /// instant-ngp's frames of a rolling shutter have two matrices: the first counts.
+    #[serde(default)]
+    transform_matrix_start: Value,
+    mask_path: Option<String>,
+    depth_file_path: Option<String>,
+    depth_path: Option<String>,
+    #[serde(default)]
+    is_bad: bool,
+}
+
+impl Frame {
+    /// The rows of its matrix, of which there are at least three; they may also be given one after another. NaN stands for
+    /// what is no number.
+    fn rows(&self) -> Option<Vec<Vec<f64>>> {
+        let numbers = |list: &Vec<Value>| list.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect::<Vec<f64>>();
+        let list = self.transform_matrix.as_array().or_else(|| self.transform_matrix_start.as_array())?;
+        let rows: Vec<Vec<f64>> = match list.len() {
+            12 | 16 => numbers(list).chunks(4).map(<[f64]>::to_vec).collect(),
+            _ => list.iter().map(|row| row.as_array().map(numbers)).collect::<Option<_>>()?,
+        };
+        (rows.len() >= 3 && rows.iter().all(|row| row.len() == 4)).then_some(rows)
+    }
+}
+
+/// Fields of nerfstudio's file that concern all frames.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Whole {
+    train_filenames: Vec<String>,
+    val_filenames: Vec<String>,
+    test_filenames: Vec<String>,
+    /// Held-out frames beside the others, as of ScanNet++.
+    test_frames: Vec<Value>,
+    ply_file_path: Option<String>,
+}
+
+/// Gathers frames of one or three files.
+struct Reader<'a> {
+    root: &'a Path,
+    images: Option<PathBuf>,
+    views: Vec<ListedView>,
+    skipped: Skipped,
+    /// The first size found, for views without a size of their own.
+    usual_size: Option<(u32, u32)>,
+    camera_ids: HashMap<Vec<u64>, u32>,
+    /// Photos and masks of the capture, by names that differ from theirs.
+    lookup: Lookup,
+    masks: HashMap<PathBuf, Masks>,
+    /// Frames that the file itself calls bad.
+    bad_frames: usize,
+}
+
+/// Reads the transforms file `path` of the scene at `root`, for Blender with its companion files. Photos that are not there are
+/// looked for in all of `outer`.
+pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions) -> Result<Listing, Error> {
+    let images = options.images.as_ref().map(|asked| files::image_folder(root, asked)).transpose()?;
+    let mut reader = Reader {
+        root,
+        images,
+        views: Vec::new(),
+        skipped: Skipped::default(),
+        usual_size: None,
+        camera_ids: HashMap::new(),
+        lookup: Lookup::of(outer),
+        masks: HashMap::new(),
+        bad_frames: 0,
+    };
+    let mut points = Vec::new();
+    let sisters = [
+        ("transforms_train.json", Role::Train),
+        ("transforms_val.json", Role::Validation),
+        ("transforms_test.json", Role::Test),
+    ];
+    let kind = if sisters.iter().any(|(name, _)| path.file_name().is_some_and(|n| n == *name)) {
+        for (name, role) in sisters {
+            let sister = root.join(name);
+            if sister.is_file() {
+                reader.file(&sister, role)?;
+            }
+        }
+        SceneKind::Blender
+    } else {
+        let whole = reader.file(path, Role::Unsaid)?;
+        if let Some(named) = whole.ply_file_path {
+            let ply = root.join(tidy(&named));
+            if ply.is_file() {
+                points = clouds::usable(point_ply::read(&ply)?, &mut reader.skipped);
+            } else {
+                reader.skipped.notes.push(format!("{}, named by ply_file_path, does not exist", ply.display()));
+            }
+        }
+        SceneKind::Transforms
+    };
+    let Reader { views, mut skipped, masks, images, bad_frames, .. } = reader;
+    if bad_frames > 0 {
+        skipped.notes.push(format!("{} that the file calls bad (is_bad)", counted(bad_frames, "frame")));
+    }
+    if points.is_empty() {
+        points = clouds::beside(std::iter::empty(), root, &mut skipped);
+    }
+    if points.is_empty() && kind == SceneKind::Transforms {
+        skipped.notes.push("no points: training begins at random ones".to_owned());
+    }
+    skipped.notes.extend(masks.values().filter_map(Masks::doubt));
+    let photos = images.is_none().then(|| root.join("images")).filter(|folder| folder.is_dir());
+    Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped, photos })
+}
+
+impl Reader<'_> {
+    fn file(&mut self, path: &Path, role: Role) -> Result<Whole, Error> {
+        let text = files::read_text(path)?;
+        // Writers in Python know numbers that JSON does not.
+        let json: Value = serde_json::from_str(&text)
+            .or_else(|_| serde_json::from_str(&without_nan(&text)))
+            .map_err(|e| Error::malformed(path, format!("line {}", e.line()), format!("is not JSON: {e}")))?;
+        let Some(frames) = json.get("frames").and_then(Value::as_array) else {
+            return Err(Error::malformed(path, "the top level", "has no list \"frames\"; is this a transforms file?"));
+        };
+        let top = |e: serde_json::Error| Error::malformed(path, "the top level", e.to_string());
+        let common = Intrinsics::of(&json).map_err(top)?;
+        let whole = Whole::deserialize(&json).map_err(top)?;
+        let mut roles = HashMap::new();
+        for (names, role) in [
+            (&whole.val_filenames, Role::Validation),
+            (&whole.test_filenames, Role::Test),
+            (&whole.train_filenames, Role::Train),
+        ] {
+            roles.extend(names.iter().map(|name| (tidy(name), role)));
+        }
+        let own = if whole.test_frames.is_empty() { role } else { Role::Train };
+        for (list, frames, role) in [("frame", frames, own), ("test_frames, frame", &whole.test_frames, Role::Test)] {
+            for (i, json) in frames.iter().enumerate() {
+                self.frame((path, format!("{list} {}", i + 1)), json, &common, (&roles, role), frames)?;
+            }
+        }
+        Ok(whole)
+    }
+
+    /// Adds the view of a frame, whose role is `role` unless the file's lists say another.
+    fn frame(
+        &mut self,
+        (path, record): (&Path, String),
+        json: &Value,
+        common: &Intrinsics,
+        (roles, role): (&HashMap<String, Role>, Role),
+        all: &[Value],
+    ) -> Result<(), Error> {
+        let mut record = record;
+        let wrong = |record: &str, what: String| Error::malformed(path, record, what);
+        let frame = Frame::deserialize(json).map_err(|e| wrong(&record, e.to_string()))?;
+        if frame.is_bad {
+            self.bad_frames += 1;
+            return Ok(());
+        }
+        let own = Intrinsics::of(json).map_err(|e| wrong(&record, e.to_string()))?;
+        let name = tidy(&frame.file_path);
+        record = format!("{record} ({name:?})");
+        let Some(rows) = frame.rows().filter(|_| !name.is_empty()) else {
+            return Err(wrong(&record, "needs a file_path and a transform_matrix of 4 x 4 numbers".to_owned()));
+        };
+        let usual = self.usual(&name);
+        let intrinsics = own.over(common);
+        let size = match intrinsics.size() {
+            Some(size) => Some(size),
+            None => files::photo_size(&usual),
+        };
+        // Blender's files give no size; a frame whose photo is absent has the size of the others.
+        self.usual_size = self.usual_size.or(size).or_else(|| self.first_size(all));
+        let Some((width, height)) = size.or(self.usual_size) else {
+            let what = format!("gives no w and h, and {} is not there to tell; add them", usual.display());
+            return Err(wrong(&record, what));
+        };
+        let lens = match intrinsics.lens(width, height) {
+            Ok(lens) => lens,
+            Err(LensFault::Model(model)) => {
+                return Err(Error::UnknownModel { path: path.to_owned(), record, model });
+            }
+            Err(LensFault::Other(what)) => return Err(wrong(&record, what)),
+        };
+        let Some(pose) = pose::from_opengl(&rows) else {
+            self.skipped.bad_poses.add(&name);
+            if pose::is_mirrored(&rows) {
+                self.skipped.mirrored_poses.add(&name);
+            }
+            return Ok(());
+        };
+        let camera_id = self.camera_id(&lens);
+        let mask = self.mask(&name, frame.mask_path.as_deref());
+        let depth = self.depth(frame.depth_file_path.as_deref().or(frame.depth_path.as_deref()));
+        let listed = roles.get(&name).copied();
+        self.views.push(ListedView {
+            id: self.views.len() as u32,
+            mask,
+            misfit: None,
+            depth,
+            image: self.photo(&name, usual),
+            lens,
+            camera_id,
+            pose,
+            role: listed.unwrap_or(role),
+            name,
+        });
+        Ok(())
+    }
+
+    /// The photo of a frame as listed, in a folder of smaller copies, or the one that must be meant.
+    fn usual(&self, name: &str) -> PathBuf {
+        let smaller = |folder: &str| name.strip_prefix("images/").map(|inner| self.root.join(folder).join(inner));
+        let copies = ["images_2", "images_4", "images_8"].into_iter().filter_map(smaller);
+        let listed = files::find_photo(&iter::once(self.root.join(name)).chain(copies).collect::<Vec<_>>());
+        if listed.is_file() {
+            return listed;
+        }
+        self.lookup.find(name).map_or(listed, |found| self.lookup.folder().join(found))
+    }
+
+    /// The size of the first photo that exists.
+    fn first_size(&self, frames: &[Value]) -> Option<(u32, u32)> {
+        frames.iter().find_map(|frame| {
+            let name = tidy(frame.get("file_path")?.as_str()?);
+            files::photo_size(&self.usual(&name))
+        })
+    }
+
+    /// The photo of a frame: as listed, or in the requested folder under its name without the first folder, its whole
+    /// name or its last part.
+    fn photo(&self, name: &str, usual: PathBuf) -> PathBuf {
+        let Some(folder) = &self.images else { return usual };
+        let inner = name.split_once('/').map_or(name, |(_, rest)| rest);
+        let last = name.rsplit('/').next().unwrap_or(name);
+        files::find_photo(&[inner, name, last].map(|n| folder.join(n)))
+    }
+
+    /// The mask of a frame: as listed, or from a masks folder beside the photos' or in the scene.
+    fn mask(&mut self, name: &str, listed: Option<&str>) -> Option<PathBuf> {
+        if let Some(listed) = listed {
+            let mask = self.root.join(tidy(listed));
+            if mask.is_file() {
+                return Some(mask);
+            }
+            self.skipped.missing_masks.add(listed);
+        }
+        let (first, inner) = name.split_once('/').unwrap_or(("", name));
+        let images = self.images.clone().unwrap_or_else(|| self.root.join(first));
+        let masks = self.masks.entry(images).or_insert_with_key(|images| Masks::of(self.root, images));
+        masks.find(inner).or_else(|| masks.find(name))
+    }
+
+    /// The depth map that a frame names.
+    fn depth(&mut self, listed: Option<&str>) -> Option<PathBuf> {
+        let listed = listed?;
+        let map = self.root.join(tidy(listed));
+        if map.is_file() {
+            return Some(map);
+        }
+        self.skipped.missing_depths.add(listed);
+        None
+    }
+
+    /// The number of the physical camera: equal lenses share one.
+    fn camera_id(&mut self, lens: &Lens) -> u32 {
+        let next = self.camera_ids.len() as u32;
+        *self.camera_ids.entry(lens.key()).or_insert(next)
+    }
+}
+
+/// The text with null for what Python writes for numbers that JSON does not know.
+fn without_nan(text: &str) -> String {
+    // Between quotes, of which none is escaped in what matters here.
+    let mut inside = false;
+    let part = |part: &str| {
+        let told = if inside {
+            part.to_owned()
+        } else {
+            part.replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null")
+        };
+        inside = !inside;
+        told
+    };
+    text.split('"').map(part).collect::<Vec<_>>().join("\"")
+}
