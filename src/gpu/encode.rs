@@ -21,8 +21,8 @@ pub(super) struct Scope {
 /// An encoded recording.
 pub(super) struct Encoded {
     pub scopes: Vec<Scope>,
-    /// Each dispatch, where submissions are limited.
-    pub dispatches: Vec<Scope>,
+    /// The dispatches of each piece, where submissions are limited.
+    pub dispatches: Vec<Vec<Scope>>,
     /// The frame's command buffers that it fills, to be submitted one by one.
     pub pieces: usize,
 }
@@ -37,7 +37,7 @@ pub(super) struct Encoder<'a> {
     pieces: usize,
     /// Seconds that its kernels may take.
     under_way: f64,
-    dispatches: Vec<Scope>,
+    dispatches: Vec<Vec<Scope>>,
     timed: bool,
     scopes: Vec<Scope>,
     open: Vec<usize>,
@@ -105,6 +105,7 @@ impl<'a> Encoder<'a> {
     fn open_commands(&mut self) -> Result<(), Error> {
         self.commands = self.frame.commands(self.context, self.pieces)?;
         self.pieces += 1;
+        self.dispatches.push(Vec::new());
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: the command buffer is in its initial state.
         unsafe { self.context.raw.begin_command_buffer(self.commands, &begin) }.during("begin commands")
@@ -124,6 +125,7 @@ impl<'a> Encoder<'a> {
         if cuts {
             self.close_commands()?;
             self.open_commands()?;
+            self.now = None; // the next kernel's time is not that between two submissions
         }
         Ok(())
     }
@@ -168,8 +170,9 @@ impl<'a> Encoder<'a> {
                         Size::Indirect(b, offset) => device.cmd_dispatch_indirect(commands, b.0.raw, *offset),
                     }
                     self.label(None);
-                    if let Some((begin, end)) = begin.and_then(|begin| Some((begin, self.timestamp()?))) {
-                        self.dispatches.push(Scope { name: dispatch.shader.name, begin, end });
+                    let end = begin.and_then(|_| self.timestamp());
+                    if let (Some(begin), Some(end), Some(piece)) = (begin, end, self.dispatches.last_mut()) {
+                        piece.push(Scope { name: dispatch.shader.name, begin, end });
                     }
                 }
                 Command::Fill { buffer, bytes, value } => {

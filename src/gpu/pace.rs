@@ -13,35 +13,63 @@ const MEMORY: f64 = 0.9;
 /// The longest time of a submission, and what is known of kernels.
 pub(super) struct Pace {
     limit: f64,
-    kernels: Mutex<FxHashMap<&'static str, f64>>,
+    known: Mutex<Known>,
+}
+
+/// Seconds, measured.
+#[derive(Default)]
+struct Known {
+    /// What the next dispatch of a kernel is expected to take, and its longest one.
+    kernels: FxHashMap<&'static str, (f64, f64)>,
+    longest_submission: f64,
 }
 
 impl Pace {
     /// A pace that no submission should exceed.
     pub fn new(limit: Duration) -> Self {
-        Self { limit: limit.as_secs_f64(), kernels: Mutex::default() }
+        Self { limit: limit.as_secs_f64(), known: Mutex::default() }
     }
 
     /// True if a kernel that follows `under_way` seconds of work of the same submission belongs into the next one;
     /// then its own expected time, and else both together.
     pub fn cuts(&self, under_way: f64, kernel: &'static str) -> (bool, f64) {
         // A kernel that never ran gets a submission of its own.
-        let expected = lock(&self.kernels).get(kernel).copied().unwrap_or(self.limit);
+        let expected = lock(&self.known).kernels.get(kernel).map_or(self.limit, |(expected, _)| *expected);
         let cut = under_way > 0.0 && under_way + expected > self.limit;
         (cut, if cut { expected } else { under_way + expected })
     }
 
-    /// Learns from a dispatch how long its kernel takes.
-    pub fn learn(&self, kernel: &'static str, seconds: f64) {
-        let mut kernels = lock(&self.kernels);
-        let known = kernels.entry(kernel).or_insert(0.0);
-        if seconds > self.limit && *known <= self.limit {
-            tracing::warn!(
-                "the kernel {kernel} alone took {:.0} ms, longer than --max-submission allows: one dispatch is never cut",
-                seconds * 1e3
-            );
+    /// Learns from the dispatches of a submission: kernels and their seconds.
+    pub fn learn(&self, dispatches: impl Iterator<Item = (&'static str, f64)>) {
+        let mut known = lock(&self.known);
+        let mut total = 0.0;
+        for (kernel, seconds) in dispatches {
+            let (expected, longest) = known.kernels.entry(kernel).or_default();
+            if seconds > self.limit && *longest <= self.limit {
+                tracing::warn!(
+                    "the kernel {kernel} alone took {:.0} ms, longer than --max-submission allows: one dispatch is never cut",
+                    seconds * 1e3
+                );
+            }
+            *expected = seconds.max(MEMORY * *expected);
+            *longest = seconds.max(*longest);
+            total += seconds;
         }
-        *known = seconds.max(MEMORY * *known);
+        known.longest_submission = total.max(known.longest_submission);
+    }
+}
+
+impl Drop for Pace {
+    fn drop(&mut self) {
+        let known = lock(&self.known);
+        let mut kernels: Vec<_> = known.kernels.iter().map(|(kernel, (_, longest))| (longest * 1e3, *kernel)).collect();
+        kernels.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let kernels: Vec<String> = kernels.iter().take(8).map(|(ms, kernel)| format!("{kernel} {ms:.1} ms")).collect();
+        let submission = known.longest_submission * 1e3;
+        tracing::debug!(
+            "the longest submission took {submission:.1} ms, the longest dispatches: {}",
+            kernels.join(", ")
+        );
     }
 }
 
@@ -54,12 +82,12 @@ mod tests {
         let pace = Pace::new(Duration::from_millis(100));
         assert_eq!(pace.cuts(0.0, "new"), (false, 0.1), "nothing to cut before the first");
         assert_eq!(pace.cuts(0.01, "new"), (true, 0.1), "unknown ones run alone");
-        pace.learn("new", 0.04);
+        pace.learn([("new", 0.04)].into_iter());
         assert_eq!(pace.cuts(0.04, "new"), (false, 0.08));
         assert_eq!(pace.cuts(0.08, "new"), (true, 0.04));
-        pace.learn("new", 0.0);
+        pace.learn([("new", 0.0)].into_iter());
         assert_eq!(pace.cuts(0.0, "new"), (false, 0.9 * 0.04), "a short one is believed slowly");
-        pace.learn("new", 0.3);
+        pace.learn([("new", 0.3)].into_iter());
         assert_eq!(pace.cuts(1e-6, "new"), (true, 0.3), "a long one at once");
     }
 }

@@ -18,8 +18,8 @@ pub struct Ticket {
     context: Arc<Context>,
     frame: Option<Frame>,
     scopes: Vec<Scope>,
-    /// Each dispatch, where submissions are limited.
-    dispatches: Vec<Scope>,
+    /// The dispatches of each submission, where submissions are limited.
+    dispatches: Vec<Vec<Scope>>,
     _recording: Recording, // keeps the buffers alive
     _pipelines: Vec<Arc<Pipeline>>,
 }
@@ -142,8 +142,12 @@ impl Ticket {
         unsafe { queue.wait(device, frame.fence) }.during("wait for the device")?;
         let mut timings = Timings::default();
         let period = f64::from(context.info.timestamp_period) * 1e-9;
-        let queries =
-            self.scopes.iter().chain(&self.dispatches).map(|scope| scope.begin.max(scope.end) as usize + 1).max();
+        let queries = self
+            .scopes
+            .iter()
+            .chain(self.dispatches.iter().flatten())
+            .map(|scope| scope.begin.max(scope.end) as usize + 1)
+            .max();
         if let Some(queries) = queries.filter(|_| period > 0.0) {
             let mut ticks = vec![0_u64; queries];
             // SAFETY: the queries were all written, since the fence has signalled.
@@ -155,8 +159,10 @@ impl Ticket {
             for scope in &self.scopes {
                 timings.add(scope.name, seconds(scope));
             }
-            for dispatch in &self.dispatches {
-                context.pace.iter().for_each(|pace| pace.learn(dispatch.name, seconds(dispatch)));
+            if let Some(pace) = &context.pace {
+                for dispatches in &self.dispatches {
+                    pace.learn(dispatches.iter().map(|dispatch| (dispatch.name, seconds(dispatch))));
+                }
             }
         }
         Ok(timings)
