@@ -1,5 +1,6 @@
 //! Regions of space that crops keep.
 
+use super::Error;
 use crate::scene::camera::Camera;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -31,6 +32,28 @@ pub enum Region {
 }
 
 impl Region {
+    /// A box from its least to its greatest coordinates.
+    ///
+    /// # Errors
+    /// [`Error::Numbers`] for a box without an inside.
+    pub fn cube(low: DVec3, high: DVec3) -> Result<Self, Error> {
+        if !low.cmple(high).all() {
+            return Err(Error::Numbers("this box has no inside: give least x, y, z first, then greatest".into()));
+        }
+        Ok(Self::Box { low, high })
+    }
+
+    /// A ball.
+    ///
+    /// # Errors
+    /// [`Error::Numbers`] for a radius that is not above 0.
+    pub fn ball(centre: DVec3, radius: f64) -> Result<Self, Error> {
+        if !(centre.is_finite() && radius > 0.0) {
+            return Err(Error::Numbers("a ball has a finite centre and a radius above 0".into()));
+        }
+        Ok(Self::Sphere { centre, radius })
+    }
+
     /// True if a point is in it; a point with NaN is in none.
     pub fn holds(&self, point: DVec3) -> bool {
         match self {

@@ -21,19 +21,12 @@ pub(super) fn positive(text: &str) -> Option<f64> {
 
 pub(super) fn cube(text: &str) -> Result<Region, String> {
     let [a, b, c, d, e, f] = numbers(text).ok_or("write least x,y,z and greatest x,y,z, such as -1,-1,-1,1,1,1")?;
-    let (low, high) = (DVec3::new(a, b, c), DVec3::new(d, e, f));
-    if low.cmpgt(high).any() {
-        return Err("this box has no inside: give least x,y,z first, then greatest".into());
-    }
-    Ok(Region::Box { low, high })
+    Region::cube(DVec3::new(a, b, c), DVec3::new(d, e, f)).map_err(|e| e.to_string())
 }
 
 pub(super) fn ball(text: &str) -> Result<Region, String> {
     let [x, y, z, radius] = numbers(text).ok_or("write a centre and a radius, such as 0,0,0,1.5")?;
-    if radius <= 0.0 {
-        return Err("a ball has a radius above 0".into());
-    }
-    Ok(Region::Sphere { centre: DVec3::new(x, y, z), radius })
+    Region::ball(DVec3::new(x, y, z), radius).map_err(|e| e.to_string())
 }
 
 pub(super) fn shift(text: &str) -> Result<Similarity, String> {

@@ -123,7 +123,7 @@ fn pruning(p: &Pruning) -> Result<(), String> {
 fn compression(c: &PruneRule) -> Result<(), String> {
     match c.keep {
         Keep::Paper { kappa } => within("prune.compression.keep.paper.kappa", kappa, &SHARE)?,
-        Keep::Share(share) => within("prune.compression.keep.share", share, &(f64::MIN_POSITIVE..=1.0))?,
+        Keep::Share(share) => within("prune.compression.keep.share", share, &(1e-9..=1.0))?,
         Keep::Count(count) => within("prune.compression.keep.count", count, &(1..=MOST_GAUSSIANS))?,
     }
     within("prune.compression.detail", c.detail, &SHARE)?;
