@@ -5,7 +5,8 @@ use crate::response::Score;
 use crate::scene::camera::Camera;
 use glam::DVec3;
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
 
 /// Weight in a pixel, T alpha, from which on a photo sees a Gaussian: a step of eight bits.
 const STEP: f32 = 1.0 / 255.0;
@@ -13,18 +14,22 @@ const STEP: f32 = 1.0 / 255.0;
 const GONE: f64 = 0.6;
 /// Share of the photos that see it which must be nearer to the picture without it.
 const AGREED: f64 = 0.5;
-/// How much nearer the photos must be to the pictures without a Gaussian, round by round, by the median change that the removal of a
-/// Gaussian makes. The worst go first: what stands behind a floater shares the blame for it until that is gone.
-const ROUNDS: [f64; 5] = [64.0, 16.0, 4.0, 1.0, 1.0];
+/// How much nearer the photos must be to the pictures without a Gaussian, round by round: by the median change that the removal of a
+/// Gaussian makes, times the square of its distance to others. The worst go first: what stands behind a floater shares the blame for it
+/// until that is gone, but is in company.
+const ROUNDS: [f64; 6] = [4096.0, 1024.0, 256.0, 64.0, 16.0, 4.0];
+/// A Gaussian that photos do not need is alone from this distance to others on,
+const ALONE: f64 = 2.5;
+/// and from this one on, times its opacity: a faint one is no floater.
+const SOLID: f64 = 1.4;
+/// Without photos, any is alone from this one on, times its opacity.
+const LONELY: f64 = 10.0;
+/// What the photos lose without a Gaussian that they do not need, at most, by the median change.
+const FREE: f64 = 0.2;
 /// A Gaussian is near a camera if its depth is below this share of the photo's median depth.
 const NEAR: f32 = 0.25;
 /// A Gaussian shows near one camera only if that photo has this share of all that photos show of it.
 const ONE: f32 = 0.9;
-/// An unseen Gaussian is alone if no seen one is within this share of the photos' median depth.
-const ALONE: f64 = 0.05;
-/// Without photos, a seen one is alone with fewer seen ones around it.
-const COMPANY: usize = 3;
-
 /// Evidence about a Gaussian from photos, or from pictures of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sight {
@@ -45,11 +50,15 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// True if the photos that see it want it gone, and come nearer to the pictures by more than `least`.
-    fn disagrees(&self, least: f64) -> bool {
-        let (change, along) = (f64::from(self.change), f64::from(self.along));
+    /// True if the photos that see it want it gone.
+    fn disagrees(&self) -> bool {
         let agreed = f64::from(self.against) >= AGREED * f64::from(self.photos);
-        self.photos > 0 && agreed && along >= GONE * change && 2.0 * along - change > least
+        self.photos > 0 && agreed && f64::from(self.along) >= GONE * f64::from(self.change)
+    }
+
+    /// How much farther the photos are from the pictures without it: a sum of squares, negative if they come nearer.
+    fn cost(&self) -> f64 {
+        f64::from(self.change) - 2.0 * f64::from(self.along)
     }
 }
 
@@ -60,7 +69,7 @@ pub enum Reason {
     Disagrees,
     /// It shows near one camera only.
     NearOne,
-    /// No photo sees it, and nothing seen is near it; or, without photos, hardly anything is near it.
+    /// No photo needs it, and nothing is near it; without photos, nothing is near it.
     Alone,
 }
 
@@ -69,8 +78,8 @@ pub enum Reason {
 pub struct Evidence {
     /// By Gaussian, n.
     pub sights: Vec<Sight>,
-    /// Median depth of each photo, in world units, weighted by what it shows.
-    depths: Vec<f64>,
+    /// Photos added.
+    photos: usize,
     /// True if photos are compared with pictures; false for pictures of the model itself, which agree with it.
     compared: bool,
 }
@@ -78,7 +87,7 @@ pub struct Evidence {
 impl Evidence {
     /// Of no photo; `compared` if there will be photos, and not pictures of the model itself.
     pub fn new(gaussians: usize, compared: bool) -> Self {
-        Self { sights: vec![Sight::default(); gaussians], depths: Vec::new(), compared }
+        Self { sights: vec![Sight::default(); gaussians], photos: 0, compared }
     }
 
     /// Adds a photo: its camera, and its scores alone, n.
@@ -94,9 +103,8 @@ impl Evidence {
             .filter(|i| scores[*i].contribution > 0.0)
             .map(|i| (depth(i) as f32, scores[i].contribution))
             .collect();
-        let median = weighted_median(&mut shown);
-        self.depths.extend(median.map(f64::from));
-        let median = median.unwrap_or(1.0);
+        let Some(median) = weighted_median(&mut shown) else { return };
+        self.photos += 1;
         self.sights.par_iter_mut().enumerate().for_each(|(i, sight)| {
             let score = &scores[i];
             if score.contribution > sight.most {
@@ -115,13 +123,16 @@ impl Evidence {
     /// Rounds of evidence, each without the floaters of those before, for [`Evidence::disagreeing`].
     pub const ROUNDS: usize = ROUNDS.len();
 
-    /// By Gaussian: true if the photos want it gone, in a round from 0; later rounds are stricter.
+    /// By Gaussian: true if the photos want it gone, in a round from 0.
     ///
     /// # Panics
-    /// If there is no such round.
-    pub fn disagreeing(&self, round: usize) -> Vec<bool> {
+    /// If there is no such round, or the evidence is of another number of Gaussians.
+    pub fn disagreeing(&self, model: &Gaussians, round: usize) -> Vec<bool> {
         let least = ROUNDS[round] * self.typical_change();
-        self.sights.par_iter().map(|sight| sight.disagrees(least)).collect()
+        let neighbours = Neighbours::new(model, &self.sights);
+        let judge =
+            |(i, sight): (usize, &Sight)| sight.disagrees() && -sight.cost() * neighbours.distance(i).powi(2) > least;
+        self.sights.par_iter().enumerate().map(judge).collect()
     }
 
     /// The median change of the pixels by the removal of a Gaussian that photos see.
@@ -136,34 +147,31 @@ impl Evidence {
     /// # Panics
     /// If the evidence is of another number of Gaussians.
     pub fn floaters(&self, model: &Gaussians) -> Vec<Option<Reason>> {
-        if self.depths.is_empty() {
+        if self.photos == 0 {
             return vec![None; model.len()];
         }
-        let least = ROUNDS[ROUNDS.len() - 1] * self.typical_change();
-        let beside = Beside::new(model, &self.sights, ALONE * self.typical());
+        let typical = self.typical_change();
+        let disagreeing = self.disagreeing(model, ROUNDS.len() - 1);
+        let neighbours = Neighbours::new(model, &self.sights);
         let judge = |(i, sight): (usize, &Sight)| {
-            let company = || beside.count(model.means[i]);
-            if sight.photos == 0 {
-                return (company() == 0).then_some(Reason::Alone);
-            }
-            if !self.compared && company() <= COMPANY {
-                return Some(Reason::Alone); // it is in its own company
-            }
-            if sight.disagrees(least) {
+            if disagreeing[i] {
                 return Some(Reason::Disagrees);
             }
-            let near_one = sight.depth < NEAR && sight.most >= ONE * sight.shown && self.depths.len() > 1;
+            let distance = neighbours.distance(i);
+            let solid = distance * opacity(model.opacity_logits[i]);
+            let needless = sight.cost() <= FREE * typical;
+            if (needless && distance >= ALONE && solid >= SOLID) || (!self.compared && solid >= LONELY) {
+                return Some(Reason::Alone);
+            }
+            let near_one = sight.depth < NEAR && sight.most >= ONE * sight.shown && sight.photos > 0 && self.photos > 1;
             near_one.then_some(Reason::NearOne)
         };
         self.sights.par_iter().enumerate().map(judge).collect()
     }
+}
 
-    /// The median of the photos' median depths, in world units; 0 without photos.
-    fn typical(&self) -> f64 {
-        let mut depths = self.depths.clone();
-        depths.sort_unstable_by(f64::total_cmp);
-        depths.get(depths.len() / 2).copied().unwrap_or_default()
-    }
+fn opacity(logit: f32) -> f64 {
+    1.0 / (1.0 + f64::from(-logit).exp())
 }
 
 /// The value with half of the weight on either side, of (value, weight).
@@ -180,33 +188,28 @@ fn weighted_median(values: &mut [(f32, f32)]) -> Option<f32> {
         .map(|v| v.0)
 }
 
-/// Numbers of Gaussians that photos see, by cell of space.
-struct Beside {
-    cells: FxHashMap<[i64; 3], usize>,
-    edge: f64,
+/// Neighbours of Gaussians: those that photos see.
+struct Neighbours<'a> {
+    model: &'a Gaussians,
+    tree: RTree<GeomWithData<[f32; 3], usize>>,
 }
 
-impl Beside {
-    fn new(model: &Gaussians, sights: &[Sight], edge: f64) -> Self {
-        let edge = edge.max(f64::MIN_POSITIVE);
-        let mut cells = FxHashMap::default();
-        for (mean, _) in model.means.iter().zip(sights).filter(|(_, sight)| sight.photos > 0) {
-            *cells.entry(cell(*mean, edge)).or_default() += 1;
-        }
-        Self { cells, edge }
+impl<'a> Neighbours<'a> {
+    fn new(model: &'a Gaussians, sights: &[Sight]) -> Self {
+        // The tree cannot order NaN.
+        let seen = |i: &usize| sights[*i].photos > 0 && model.means[*i].iter().all(|x| x.is_finite());
+        let all = (0..model.len()).filter(seen).map(|i| GeomWithData::new(model.means[i], i));
+        Self { model, tree: RTree::bulk_load(all.collect()) }
     }
 
-    /// How many there are in the cell of a point and in its neighbours.
-    fn count(&self, point: [f32; 3]) -> usize {
-        let [x, y, z] = cell(point, self.edge);
-        let near = |at: i64| at.saturating_sub(1)..=at.saturating_add(1);
-        let of = |at: [i64; 3]| self.cells.get(&at).copied().unwrap_or_default();
-        near(x).flat_map(|x| near(y).flat_map(move |y| near(z).map(move |z| [x, y, z]))).map(of).sum()
+    /// How far a Gaussian is from others: distance of its third neighbour by the standard deviation of its longest axis; 0 without one.
+    fn distance(&self, i: usize) -> f64 {
+        const THIRD: usize = 2;
+        let longest = self.model.log_scales[i].iter().fold(f32::NEG_INFINITY, |a, s| a.max(*s));
+        let near = self.tree.nearest_neighbor_iter_with_distance_2(self.model.means[i]);
+        let third = near.filter(|(other, _)| other.data != i).nth(THIRD);
+        third.map_or(0.0, |(_, squared)| f64::from(squared).sqrt() / f64::from(longest).exp())
     }
-}
-
-fn cell(point: [f32; 3], edge: f64) -> [i64; 3] {
-    point.map(|x| (f64::from(x) / edge).floor() as i64)
 }
 
 #[cfg(test)]
@@ -224,6 +227,7 @@ mod tests {
             let turn = i as f32;
             model.means[i] = [0.3 * turn.cos(), 0.3 * turn.sin(), 0.01 * turn];
         }
+        model.log_scales.fill([0.1_f32.ln(); 3]);
         model.means[50..].copy_from_slice(&more);
         model
     }
@@ -236,9 +240,9 @@ mod tests {
     fn photos_tell_floaters_from_what_they_show() {
         let model = model([
             [0.0, 0.0, -2.0], // wanted gone by all
-            [0.1, 0.0, -2.0], // by one of four
+            [0.3, 0.0, 0.01], // by one of four, in company
             [0.0, 0.0, -3.6], // near one camera, with which it agrees
-            [0.0, 0.1, -3.6], // as near, but seen by another one, too
+            [0.0, 0.1, -3.6], // as near, but another one needs it, too
             [0.0, 0.0, 40.0], // unseen, far behind
             [0.1, 0.1, 0.2],  // unseen, within the scene
         ]);
@@ -258,10 +262,7 @@ mod tests {
         let expected = [Some(Reason::Disagrees), None, Some(Reason::NearOne), None, Some(Reason::Alone), None];
         assert_eq!(found[50..], expected);
         assert_eq!((evidence.sights[51].photos, evidence.sights[51].against), (4, 1));
-        assert!(
-            evidence.disagreeing(4)[50] && !evidence.disagreeing(0)[50],
-            "64 times the median change is asked for first"
-        );
+        assert!(evidence.disagreeing(&model, 3)[50] && !evidence.disagreeing(&model, 0)[50], "more is asked for first");
     }
 
     /// Pictures of the model agree with it: only what hangs alone, or before one camera, is left to be found.

@@ -27,7 +27,7 @@ pub struct FloaterCounts {
     pub disagree: usize,
     /// They show near one camera only.
     pub near_one: usize,
-    /// No photo sees them, and nothing seen is near them.
+    /// No photo needs them, and nothing is near them.
     pub alone: usize,
 }
 
@@ -44,7 +44,7 @@ impl fmt::Display for FloaterCounts {
         let Self { disagree, near_one, alone } = self;
         write!(
             f,
-            "the photos want {disagree} gone, {near_one} show near one camera only, {alone} are seen by none and alone"
+            "the photos want {disagree} gone, {near_one} show near one camera only, {alone} are alone and no photo needs them"
         )
     }
 }
@@ -87,7 +87,7 @@ pub fn by_photos(
         let reasons: Vec<Option<Reason>> = if round + 1 == Evidence::ROUNDS {
             evidence.floaters(&left)
         } else {
-            evidence.disagreeing(round).into_iter().map(|gone| gone.then_some(Reason::Disagrees)).collect()
+            evidence.disagreeing(&left, round).into_iter().map(|gone| gone.then_some(Reason::Disagrees)).collect()
         };
         if reasons.iter().all(Option::is_none) {
             measured = Some(evidence);
