@@ -76,6 +76,15 @@ fn hostile_levels_are_refused() {
         std::fs::write(&path, bad).unwrap();
         assert!(formats::read(&path).is_err(), "{to}");
     }
+    // A folder's Gaussians are loaded once: a list of it in every leaf would fill any memory.
+    let twice = good.replace("[\"0_0/meta.json\"]", "[\"0_0/meta.json\",\"0_0//meta.json\"]");
+    let mut twice: Value = serde_json::from_str(&twice).unwrap();
+    let leaf = twice["tree"].clone();
+    let mut second = leaf.clone();
+    second["lods"]["0"]["file"] = 1.into();
+    twice["tree"] = serde_json::json!({ "bound": leaf["bound"], "children": [leaf, second] });
+    std::fs::write(&path, twice.to_string()).unwrap();
+    assert!(formats::read(&path).unwrap_err().to_string().contains("named twice"));
     let deep = format!("{}{}", "{\"children\":[".repeat(5000), "]}".repeat(5000));
     std::fs::write(&path, format!("{{\"filenames\":[],\"tree\":{deep}}}")).unwrap();
     assert!(formats::read(folder.path()).is_err());

@@ -293,6 +293,36 @@ fn sog_versions_agree_and_so_do_folder_and_bundle() {
     assert!(formats::read(folder.path()).unwrap_err().to_string().contains("a folder without the meta.json"));
 }
 
+/// Files of a bundle, by name.
+type Files = Vec<(&'static str, Vec<u8>)>;
+
+#[test]
+fn hostile_bundles_are_refused() {
+    let refused = |what: &str, change: &dyn Fn(&mut Files)| {
+        let mut files = make::sog_files(50, 2);
+        change(&mut files);
+        let said = read(&make::bundle(&files), "m.sog").unwrap_err().to_string();
+        assert!(said.contains(what), "{what}: {said}");
+    };
+    let text = |from: &str, to: &str| {
+        let meta = String::from_utf8(make::sog_files(50, 2)[0].1.clone()).unwrap();
+        let changed = meta.replace(from, to);
+        assert_ne!(changed, meta, "{from}");
+        changed.into_bytes()
+    };
+    // 64 MB of zeros are 64 kB in the archive.
+    for k in [0, 1, 7] {
+        refused("grows beyond", &|files| files[k].1 = vec![0; 64 << 20]);
+    }
+    refused("claimed, more than", &|files| files[0].1 = text("\"count\":50", "\"count\":1000000000"));
+    refused("claimed, more than", &|files| files[0].1 = text("\"count\":50", "\"count\":18446744073709551615"));
+    refused("texels for 65 Gaussians", &|files| files[0].1 = text("\"count\":50", "\"count\":65"));
+    for path in ["../quats.webp", "/quats.webp", "a/../../quats.webp", ".."] {
+        refused("leaves the folder", &|files| files[0].1 = text("\"quats.webp\"", &format!("\"{path}\"")));
+    }
+    refused("no meta.json", &|files| files.truncate(0));
+}
+
 /// One valid file of every format and variant that matters to the parsers.
 fn valid() -> Vec<(&'static str, Vec<u8>)> {
     let model = make::model(6, 2);

@@ -98,6 +98,9 @@ fn models() -> Vec<Input> {
             all.push(among(&format!("sog {version}"), damaged, Reader::SogPart, &files));
         }
     }
+    let files = make::sog_files(50, 2).into_iter().map(|(name, bytes)| (format!("0_0/{name}"), bytes));
+    let levels = [("lod-meta.json".to_owned(), make::LEVELS.into())];
+    all.push(among("sog levels", "lod-meta.json", Reader::SogPart, &files.chain(levels).collect::<Vec<_>>()));
     all
 }
 

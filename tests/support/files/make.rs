@@ -361,12 +361,23 @@ pub fn sog_files(n: usize, version: u32) -> Vec<(&'static str, Vec<u8>)> {
 
 /// The same, bundled; textures stored, `meta.json` deflated.
 pub fn sog(n: usize, version: u32) -> Vec<u8> {
+    bundle(&sog_files(n, version))
+}
+
+/// Two leaves of one level, the 50 Gaussians of the folder 0_0.
+pub const LEVELS: &str = r#"{ "version": 1, "counts": [50], "lodLevels": 1, "filenames": ["0_0/meta.json"],
+    "tree": { "bound": { "min": [-9, -9, -9], "max": [9, 9, 9] }, "children": [
+        { "lods": { "0": { "file": 0, "offset": 0, "count": 20 } } },
+        { "lods": { "0": { "file": 0, "offset": 20, "count": 30 } } }] } }"#;
+
+/// Files in a zip archive; all but textures are deflated.
+pub fn bundle(files: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
-    for (name, content) in sog_files(n, version) {
-        let is_meta = name == "meta.json";
-        let method = if is_meta { zip::CompressionMethod::Deflated } else { zip::CompressionMethod::Stored };
-        archive.start_file(name, zip::write::SimpleFileOptions::default().compression_method(method)).unwrap();
-        archive.write_all(&content).unwrap();
+    for (name, content) in files {
+        let is_texture = content.starts_with(b"RIFF");
+        let method = if is_texture { zip::CompressionMethod::Stored } else { zip::CompressionMethod::Deflated };
+        archive.start_file(*name, zip::write::SimpleFileOptions::default().compression_method(method)).unwrap();
+        archive.write_all(content).unwrap();
     }
     archive.finish().unwrap().into_inner()
 }

@@ -9,7 +9,7 @@ use super::unpack;
 use glam::{Mat3, Quat, Vec3};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
 
 /// Name of the file that describes all others.
@@ -178,13 +178,19 @@ pub(in super::super) fn read(folder: &Path) -> Result<Parsed, Fault> {
         }
     }
     let mut whole: Option<Parsed> = None;
+    let mut known = BTreeSet::new();
     for (file, mut places) in places {
         let name = filenames.get(file).ok_or_else(|| wrong(format!("there is no file {file}")))?;
         let path = Path::new(name);
         if !path.components().all(|c| matches!(c, Component::Normal(_))) || !name.ends_with("meta.json") {
             return Err(wrong(format!("{name} is not a meta.json within the folder")));
         }
-        let mut part = unpack::read_folder(&folder.join(path.parent().unwrap_or(Path::new(""))))?;
+        // A long list of one folder would fill any memory.
+        let part = path.parent().unwrap_or(Path::new(""));
+        if !known.insert(part) {
+            return Err(wrong(format!("{name} is named twice")));
+        }
+        let mut part = unpack::read_folder(&folder.join(part))?;
         places.sort_by_key(|place| place.offset);
         let mut kept = Vec::new();
         for Place { offset, count, .. } in places {
