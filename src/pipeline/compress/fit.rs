@@ -18,6 +18,7 @@ use crate::render::{Painter, Source};
 use crate::response::Responses;
 use crate::scene::{Photo, camera};
 use crate::wording::counted;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -122,6 +123,11 @@ impl<'a> Target<'a> {
         }
     }
 
+    /// Bytes of the file of a packed model.
+    pub fn length(&self, packed: &[u8]) -> u64 {
+        self.wrap.map_or(packed.len(), |wrap| wrap(packed).len()) as u64
+    }
+
     /// Writes the file of a packed model; without one, of a model in a format that stores floats.
     ///
     /// # Errors
@@ -182,13 +188,10 @@ impl Trials for Files<'_> {
         let pairs = sequence.pairs(model, &responses.scores, gaussians);
         let kept: Vec<usize> = (0..pairs.keep.len()).filter(|i| pairs.keep[*i]).collect();
         let packed = self.target.pack(&pairs.model.select(&kept), config.style.mode(), self.rungs[rung])?;
-        let length = match self.target.wrap {
-            Some(wrap) => wrap(&packed).len(),
-            None => packed.len(),
-        };
+        let length = self.target.length(&packed);
         self.made.insert((rung, gaussians), packed);
         watcher.trying(self.made.len(), self.made.len().max(TRIES));
-        Ok(length as u64)
+        Ok(length)
     }
 
     fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, Error> {
@@ -281,23 +284,35 @@ pub fn packed(
     pack(ladder.finest()).map(Some)
 }
 
-/// One model at all settings of a format.
-struct Versions<'a> {
+/// The Gaussians of a model that show most, any number of them, at all settings of a format.
+struct Shown<'a> {
     model: &'a Gaussians,
+    /// The Gaussians, those that show most first.
+    order: Vec<usize>,
     mode: RenderMode,
     target: &'a Target<'a>,
-    rungs: &'a [Precision],
-    made: BTreeMap<usize, Vec<u8>>,
+    rungs: Vec<Precision>,
+    /// Packed models, by rung and Gaussians.
+    made: BTreeMap<(usize, usize), Vec<u8>>,
 }
 
-impl Trials for Versions<'_> {
+impl Shown<'_> {
+    /// So many that show most, in the model's order.
+    fn most(&self, gaussians: usize) -> Gaussians {
+        let mut numbers = self.order[..gaussians].to_vec();
+        numbers.sort_unstable();
+        self.model.select(&numbers)
+    }
+}
+
+impl Trials for Shown<'_> {
     type Error = Error;
 
-    fn bytes(&mut self, rung: usize, _: usize) -> Result<u64, Error> {
-        let packed = self.target.pack(self.model, self.mode, self.rungs[rung])?;
-        let length = self.target.file(packed.clone()).len();
-        self.made.insert(rung, packed);
-        Ok(length as u64)
+    fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, Error> {
+        let packed = self.target.pack(&self.most(gaussians), self.mode, self.rungs[rung])?;
+        let length = self.target.length(&packed);
+        self.made.insert((rung, gaussians), packed);
+        Ok(length)
     }
 
     fn psnr(&mut self, _: usize, _: usize) -> Result<f64, Error> {
@@ -306,38 +321,37 @@ impl Trials for Versions<'_> {
 }
 
 /// A model packed into at most `most` bytes of file, as finely as that allows; if even the coarsest settings need more, Gaussians that show
-/// least are left out until they do not.
+/// least are left out until they do not. `near` is a rung whose file is about as large.
 ///
 /// # Errors
 /// Those of writing the file.
-pub fn within(model: &mut Gaussians, mode: RenderMode, most: u64, target: &Target<'_>) -> Result<Vec<u8>, Error> {
+pub fn within(
+    model: &mut Gaussians,
+    mode: RenderMode,
+    (most, near): (u64, usize),
+    target: &Target<'_>,
+) -> Result<Vec<u8>, Error> {
     let Ladder { rungs, steps } = target.ladder(model);
-    loop {
-        let mut files = Versions { model, mode, target, rungs: &rungs, made: BTreeMap::new() };
-        let finest = Search::new(&mut files, model.len(), &steps).refine(most)?;
-        let made = files.made.remove(&finest.unwrap_or(0)).expect("a file that was made");
-        let length = target.file(made.clone()).len() as u64;
-        if length <= most || model.len() < 2 {
-            return Ok(made);
-        }
-        let excess = model.len() as f64 * (length - most) as f64 / length as f64;
-        let left = model.len() - (1.1 * excess).ceil().clamp(1.0, model.len() as f64 - 1.0) as usize;
-        *model = most_shown(model, left);
+    let order = by_what_shows(model);
+    let mut files = Shown { model, order, mode, target, rungs, made: BTreeMap::new() };
+    let point = Search::new(&mut files, model.len(), &steps).refine(most, near)?;
+    let packed = files.made.remove(&point).expect("a file that was made");
+    if point.1 < model.len() {
+        *model = files.most(point.1);
     }
+    Ok(packed)
 }
 
-/// The Gaussians whose opacity times area is largest, so many, in their order.
-fn most_shown(model: &Gaussians, count: usize) -> Gaussians {
+/// The numbers of the Gaussians, by opacity times area, the largest first.
+fn by_what_shows(model: &Gaussians) -> Vec<usize> {
     let shown = |i: usize| {
         let sizes = model.log_scales[i];
         let area = sizes.iter().sum::<f32>() - sizes.iter().fold(f32::INFINITY, |a, s| a.min(*s));
         f64::from(area).exp() / (1.0 + f64::from(-model.opacity_logits[i]).exp())
     };
-    let mut order: Vec<usize> = (0..model.len()).collect();
-    order.sort_by(|a, b| shown(*b).total_cmp(&shown(*a)).then(a.cmp(b)));
-    order.truncate(count);
-    order.sort_unstable();
-    model.select(&order)
+    let mut order: Vec<(f64, usize)> = (0..model.len()).map(|i| (shown(i), i)).collect();
+    order.par_sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    order.into_iter().map(|(_, i)| i).collect()
 }
 
 /// What was chosen: `4.93 MB of 5 MB: 412,300 Gaussians, 35.8 dB`, with the PSNR of the file's pictures, infinite if they are equal.

@@ -157,8 +157,9 @@ fn reduce(
     let (packed, aim) = match fitted {
         Some((packed, record)) if tuned.is_empty() => (Some(packed), Some(record)),
         Some((packed, record)) => {
-            let most = if let Aim::Bytes(size) = record.aim { size } else { target.file(packed).len() as u64 };
-            (Some(fit::within(&mut model, config.style.mode(), most, target)?), Some(record))
+            let most = if let Aim::Bytes(size) = record.aim { size } else { target.length(&packed) };
+            let near = record.chosen.rung;
+            (Some(fit::within(&mut model, config.style.mode(), (most, near), target)?), Some(record))
         }
         None => (fit::packed(judge.as_ref(), &model, (config, psnr), target)?, None),
     };

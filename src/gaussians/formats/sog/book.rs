@@ -2,6 +2,8 @@
 //! many values makes every byte equally frequent, and leaves rare, large values without entries. Only where 256 steps do not reach
 //! from the least to the greatest value do they grow with the distance from the median.
 
+use serde_json::{Value, json};
+
 /// Entries of a codebook.
 const ENTRIES: usize = 256;
 /// Significant decimals of a step, so that entries are short numbers.
@@ -23,8 +25,11 @@ impl Book {
             let (first, last) = ((low / step).round(), (high / step).round());
             if last - first < ENTRIES as f64 {
                 // Ten decimals drop the noise of the product, not the value: steps have three digits.
-                let value = |entry: usize| ((first + entry as f64).min(last) * step * 1e10).round() / 1e10;
-                return Self { values: (0..ENTRIES).map(value).collect() };
+                let value = |entry: f64| (entry * step * 1e10).round() / 1e10;
+                let mut values: Vec<f64> = (0..=(last - first) as usize).map(|k| value(first + k as f64)).collect();
+                // What no value needs is a short number, so that small files are not mostly books.
+                values.resize(ENTRIES, value(last).ceil());
+                return Self { values };
             }
             step = tidy(1.005 * step);
         }
@@ -64,9 +69,10 @@ impl Book {
         (above - usize::from(nearer_below)) as u8
     }
 
-    /// All 256 values.
-    pub fn values(&self) -> &[f64] {
-        &self.values
+    /// All 256 values, as short as they can be written.
+    pub fn json(&self) -> Value {
+        let short = |v: &f64| if v.fract() == 0.0 { json!(*v as i64) } else { json!(v) };
+        self.values.iter().map(short).collect()
     }
 }
 
@@ -97,9 +103,9 @@ mod tests {
         let values: Vec<f32> = (0..1000).map(|i| (i as f32 * 0.37).sin() * 3.0).collect();
         let book = Book::equal(values.iter().copied(), 0.05);
         for v in &values {
-            assert!((book.values()[usize::from(book.byte(*v))] - f64::from(*v)).abs() < 0.0251, "{v}");
+            assert!((book.values[usize::from(book.byte(*v))] - f64::from(*v)).abs() < 0.0251, "{v}");
         }
-        assert!(book.values().is_sorted() && book.values().iter().all(|v| v.to_string().len() < 6));
+        assert!(book.values.is_sorted() && book.values.iter().all(|v| v.to_string().len() < 6));
     }
 
     #[test]
@@ -107,18 +113,18 @@ mod tests {
         let values = (0..1000).map(|i| (i as f32 * 0.37).sin()).chain([-500.0, 800.0]);
         let book = Book::dense(values.clone(), 0.02);
         for v in values {
-            let off = (book.values()[usize::from(book.byte(v))] - f64::from(v)).abs();
+            let off = (book.values[usize::from(book.byte(v))] - f64::from(v)).abs();
             // Half a step, which is 0.02 at the median, 0, and grows with the distance; the width is 0.31 here.
             let allowed = if v.abs() > 1.0 { 0.01 * f64::from(v.abs()) } else { 0.01 * f64::from(v / 0.3).hypot(1.0) };
             assert!(off <= allowed, "{v}: {off}");
         }
-        assert!(book.values().is_sorted());
+        assert!(book.values.is_sorted());
     }
 
     #[test]
     fn nothing_and_one_value_have_books() {
-        assert_eq!(Book::dense([f32::NAN].into_iter(), 0.1).values(), [0.0; 256]);
+        assert_eq!(Book::dense([f32::NAN].into_iter(), 0.1).values, [0.0; 256]);
         let book = Book::equal([-1.25; 3].into_iter(), 0.001);
-        assert_eq!(book.values()[usize::from(book.byte(-1.25))], -1.25);
+        assert_eq!(book.values[usize::from(book.byte(-1.25))], -1.25);
     }
 }

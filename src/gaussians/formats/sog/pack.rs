@@ -82,9 +82,9 @@ pub(super) fn files(
         "asset": { "generator": concat!("qirf-vk ", env!("CARGO_PKG_VERSION")) },
         "count": model.len(),
         "means": { "mins": mins, "maxs": maxs, "files": ["means_l.webp", "means_u.webp"] },
-        "scales": { "codebook": scales.values(), "files": ["scales.webp"] },
+        "scales": { "codebook": scales.json(), "files": ["scales.webp"] },
         "quats": { "files": ["quats.webp"] },
-        "sh0": { "codebook": colours.values(), "files": ["sh0.webp"] },
+        "sh0": { "codebook": colours.json(), "files": ["sh0.webp"] },
     });
     if mode.antialiased() {
         meta["model"] = json!("antialiased");
@@ -152,7 +152,7 @@ fn rest_bands(model: &Gaussians, order: &[u32], precision: &SogPrecision) -> (Te
     let entry = json!({
         "count": palette.values.len() / numbers,
         "bands": model.degree(),
-        "codebook": book.values(),
+        "codebook": book.json(),
         "files": ["shN_centroids.webp", "shN_labels.webp"],
     });
     (centroids, labels, entry)

@@ -104,18 +104,6 @@ impl<'a, T: Trials> Search<'a, T> {
         }
     }
 
-    /// The finest rung at which all Gaussians take at most `size` bytes; none if even the coarsest takes more.
-    ///
-    /// # Errors
-    /// Those of the trials.
-    pub fn refine(&mut self, size: u64) -> Result<Option<usize>, T::Error> {
-        if self.bytes(0, self.whole)? > size {
-            return Ok(None);
-        }
-        let near = self.finest(0, self.whole, size)?;
-        self.finest(near, self.whole, size).map(Some)
-    }
-
     fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, T::Error> {
         if let Some(point) = self.tried.get(&(rung, gaussians)) {
             return Ok(point.bytes);
@@ -211,6 +199,27 @@ mod tests {
                         "{rungs} {size}: {best:?}, rung {rung}: {psnr:?}, {tried:?}"
                     );
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_given_number_fills_a_size_by_settings_and_fewer_only_where_it_must() {
+        let all: Vec<usize> = (0..=48).collect();
+        for (rungs, step, whole) in [(49, 8.0, 50_000), (49, 8.0, 40), (4, 1.0, 50_000), (1, 1.0, 50_000)] {
+            for (near, share) in [(0, 0.4), (0, 1.01), (rungs / 2, 0.96), (rungs / 2, 1.03), (rungs - 1, 0.7)] {
+                let bytes = (0..rungs).map(|r| 8.0 * 1.25_f64.powf(r as f64 / step)).collect();
+                let mut trials = Model { bytes, ..model(rungs, whole) };
+                let size = (share * trials.bytes(near, whole).unwrap() as f64) as u64;
+                trials.encodes = 0;
+                let smallest = trials.bytes(0, 1).unwrap();
+                let (rung, gaussians) = Search::new(&mut trials, whole, &all[..rungs]).refine(size, near).unwrap();
+                let encodes = trials.encodes;
+                let bytes = trials.bytes(rung, gaussians).unwrap();
+                let told = format!("{rungs} rungs, {whole}: {rung}, {gaussians}: {bytes} of {size}");
+                assert!(encodes <= MOST && (bytes <= size || smallest > size), "{encodes} encodes; {told}");
+                assert!(bytes as f64 >= 0.95 * size as f64 || rung + 1 == rungs || gaussians == 1, "{told}");
+                assert!(gaussians == whole || rungs < 10 || trials.bytes(0, whole).unwrap() > size, "{told}");
             }
         }
     }

@@ -58,6 +58,35 @@ impl<T: Trials> Search<'_, T> {
         }
     }
 
+    /// The rung and the number of Gaussians of a file of at most `size` bytes: of all Gaussians, as fine as that allows; of fewer, but one at
+    /// least, if even the coarsest rung takes more, or if rungs are far apart. `near` is a rung whose file is about as large.
+    ///
+    /// # Errors
+    /// Those of the trials.
+    pub fn refine(&mut self, size: u64, near: usize) -> Result<(usize, usize), T::Error> {
+        let whole = self.whole;
+        self.fixed = self.trials.bytes(0, 1)? as f64;
+        let share = |bytes: u64| size as f64 / bytes as f64;
+        let from = if self.bytes(near, whole)? <= size { near } else { 0 };
+        let least = self.bytes(from, whole)?;
+        if least > size {
+            let fewer = self.fill(from, size, share(least) * whole as f64)?.unwrap_or(1);
+            return Ok((self.finest(from, fewer, size)?, fewer));
+        }
+        let rung = self.finest(from, whole, size)?;
+        let rung = self.finest(rung, whole, size)?;
+        let full = |bytes: u64| share(bytes) <= 1.0 / LEAST_SHARE;
+        if rung < self.last() && self.left() > 1 && !full(self.bytes(rung, whole)?) {
+            let next = self.bytes(rung + 1, whole)?;
+            if let Some(fewer) = self.fill(rung + 1, size, share(next) * whole as f64)?
+                && full(self.bytes(rung + 1, fewer)?)
+            {
+                return Ok((rung + 1, fewer));
+            }
+        }
+        Ok((rung, whole))
+    }
+
     /// The file of this size at a rung; or, if the whole model takes less there, that of the whole model at a finer one.
     fn on_rung(&mut self, rung: usize, size: u64, guess: f64) -> Result<Option<Point>, T::Error> {
         let Some(gaussians) = self.fill(rung, size, guess)? else { return Ok(None) };
