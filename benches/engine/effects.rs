@@ -22,6 +22,7 @@ fn arms() -> Vec<(&'static str, Options, AlphaRole)> {
         ("view_dependence, degree 3", options(3), opaque),
         ("exposure", Options { exposure: Some(Exposures::Learnt(Vec::new())), ..options(0) }, opaque),
         ("poses", Options { poses: true, ..options(0) }, opaque),
+        ("dropout", Options { dropout: true, ..options(0) }, opaque),
         ("antialias", Options { settings: style(true, false), ..options(0) }, opaque),
         ("transparency", options(0), AlphaRole::Alpha),
         ("masks", options(0), AlphaRole::Mask),

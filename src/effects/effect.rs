@@ -12,6 +12,8 @@ pub enum Effect {
     Exposure,
     /// The photos' cameras are corrected while the model is trained.
     Poses,
+    /// Each picture trained on leaves out Gaussians by chance.
+    Dropout,
     /// Gaussians smaller than a pixel keep their energy.
     Antialias,
     /// Photos are undistorted.
@@ -41,10 +43,11 @@ pub enum Trigger {
 
 impl Effect {
     /// All effects, in the order in which they are reported.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::ViewDependence,
         Self::Exposure,
         Self::Poses,
+        Self::Dropout,
         Self::Antialias,
         Self::Distortion,
         Self::Transparency,
@@ -64,6 +67,7 @@ impl Effect {
             Self::ViewDependence => "view_dependence",
             Self::Exposure => "exposure",
             Self::Poses => "poses",
+            Self::Dropout => "dropout",
             Self::Antialias => "antialias",
             Self::Distortion => "distortion",
             Self::Transparency => "transparency",
@@ -76,7 +80,7 @@ impl Effect {
     /// Condition that switches the effect on unless the user decides.
     pub const fn trigger(self) -> Trigger {
         match self {
-            Self::ViewDependence | Self::Exposure | Self::Poses | Self::Antialias => Trigger::Measure,
+            Self::ViewDependence | Self::Exposure | Self::Poses | Self::Dropout | Self::Antialias => Trigger::Measure,
             Self::Distortion | Self::Transparency | Self::Masks => Trigger::Photos,
             Self::DepthOrder => Trigger::Request,
             Self::Cameras => Trigger::Always,
@@ -88,6 +92,7 @@ impl Effect {
         match self {
             Self::Exposure => Some("exposure"),
             Self::Poses => Some("poses"),
+            Self::Dropout => Some("dropout"),
             Self::Masks => Some("masks"),
             // The 2D filter is two operations of the projection; the scope is that of 3D smoothing.
             Self::Antialias => Some("antialias"),

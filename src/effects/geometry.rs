@@ -8,7 +8,7 @@ use crate::scene::lens::VISIBLE_DISPLACEMENT;
 use crate::scene::{ALPHA_SHARE, AlphaRole, SceneKind, View};
 use crate::wording::counted;
 use glam::DVec3;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 /// Ratio of a point's pixel footprints above which a scene calls for anti-aliasing.
 pub const FOOTPRINTS: f64 = 1.5;
@@ -20,6 +20,22 @@ const POINTS: usize = 4000;
 const SEEN_BY: usize = 3;
 /// Share of pixels below which transparency or masks may be flaws of the photos.
 const FEW: f64 = 1e-3;
+
+/// Number of photos up to which pictures leave Gaussians out.
+pub const FEW_PHOTOS: usize = 24;
+
+/// Dropout: counts the photos.
+pub fn dropout(set: &TrainingSet<'_>) -> Decision {
+    let photos = set.views().map(View::photo_name).collect::<HashSet<_>>().len();
+    let evidence = format!("{} to train on", counted(photos, "photo"));
+    let [measured, threshold] = [photos, FEW_PHOTOS].map(|n| n as f64);
+    Decision {
+        near_threshold: is_near(measured, threshold),
+        measured: Some(measured),
+        threshold: Some(threshold),
+        ..Decision::plain(Effect::Dropout, photos <= FEW_PHOTOS, evidence)
+    }
+}
 
 /// Poses: how far the points are from where the photos show them, in pixels of the pictures trained on. Structure from
 /// motion writes this error with each point.

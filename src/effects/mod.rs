@@ -6,6 +6,7 @@
 //! | `view_dependence` | colours of a point depend on the direction of view; otherwise degree 1 | [`colour`] | SH bands: arrays, moments, gradients |
 //! | `exposure` | photos differ in brightness by more than 2 % | [`colour`] | `train/exposure`: 12 parameters per photo, its scope "exposure" |
 //! | `poses` | points miss their places in the photos by more than a pixel | [`geometry`] | `train/poses`: 6 parameters per photo, its scope "poses" |
+//! | `dropout` | there are few photos to train on | [`geometry`] | `train/dropout`: its scope "dropout" |
 //! | `antialias` | a point's pixel footprints differ by more than 1.5 | [`geometry`] | ANTIALIAS of `render/project` and its backward; `train/smoothing`: its cameras, its scope "antialias" |
 //! | `distortion` | a lens moves a pixel by more than 0.5 | [`geometry`] | photos are resampled once as they are loaded |
 //! | `transparency` | photos have transparent pixels | [`geometry`] | ALPHA of `train/loss`, the white background |
@@ -51,6 +52,7 @@ pub fn decide(set: &TrainingSet<'_>, overrides: &Overrides, most: usize) -> (Vec
         Effect::ViewDependence => colour::view_dependence(&tracks, &gains, most),
         Effect::Exposure => colour::exposure(set, &tracks, &gains),
         Effect::Poses => geometry::poses(set),
+        Effect::Dropout => geometry::dropout(set),
         Effect::Antialias => geometry::antialias(set),
         Effect::Distortion => geometry::distortion(set),
         Effect::Transparency => geometry::transparency(set),

@@ -60,6 +60,7 @@ impl<'a> ActiveRun<'a> {
             cameras: setup.cameras,
             exposure: config.exposure.then(|| setup.exposures.clone()),
             poses: config.poses,
+            dropout: config.dropout,
             weights: Weights::default(),
             averaged: averaged(config),
             method: method.clone(),

@@ -80,6 +80,7 @@ impl RunConfig {
             style: Style { dilation: self.style.dilation, ..style(|effect| effects::is_on(decisions, effect)) },
             exposure: effects::is_on(decisions, Effect::Exposure),
             poses: effects::is_on(decisions, Effect::Poses),
+            dropout: effects::is_on(decisions, Effect::Dropout),
             ..self.clone()
         }
     }

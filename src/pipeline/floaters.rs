@@ -119,6 +119,7 @@ fn of_photos(
         cameras: None,
         exposure: None,
         poses: false,
+        dropout: false,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
         method: None,

@@ -5,6 +5,7 @@
 pub mod adam;
 pub mod bin;
 pub mod densify;
+pub mod dropout;
 pub mod exposure;
 pub mod frame;
 pub mod halve;

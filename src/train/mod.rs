@@ -5,6 +5,7 @@ pub mod attrition;
 pub mod checkpoint;
 pub mod density;
 pub mod device_photos;
+pub mod dropout;
 mod error;
 pub mod exposure;
 pub mod growth;

@@ -51,6 +51,8 @@ pub struct Options {
     pub exposure: Option<Exposures>,
     /// True if the photos' cameras are corrected.
     pub poses: bool,
+    /// True if pictures leave out Gaussians by chance.
+    pub dropout: bool,
     /// Weights of the loss.
     pub weights: Weights,
     /// Iterations, after the last density step, whose responses are averaged for [`super::Trainer::averages`]; may be empty.
@@ -74,6 +76,7 @@ impl Default for Options {
             cameras: None,
             exposure: None,
             poses: false,
+            dropout: false,
             weights: Weights::default(),
             averaged: 0..0,
             method: None,

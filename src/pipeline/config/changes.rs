@@ -63,6 +63,7 @@ impl RunConfig {
             style: Style { dilation: self.style.dilation, ..earlier.style },
             exposure: earlier.exposure,
             poses: earlier.poses,
+            dropout: earlier.dropout,
             ..self.clone()
         };
         ours.changes(earlier)

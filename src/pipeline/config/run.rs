@@ -36,11 +36,13 @@ impl Preset {
     }
 
     /// The preset's decisions on effects; all others are left to the scene. No anti-aliasing, since viewers draw plain
-    /// models by default; cameras as they are given, since the scores' cameras are as wrong. The paper's preset has degree 3 and no exposures.
+    /// models by default; cameras as they are given, since the scores' cameras are as wrong;
+    /// no dropout, which helps with few photos alone. The paper's preset has degree 3 and no exposures.
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
         out.set(Effect::Antialias, Choice::Off);
         out.set(Effect::Poses, Choice::Off);
+        out.set(Effect::Dropout, Choice::Off);
         if self == Self::Paper {
             out.set(Effect::ViewDependence, Choice::On);
             out.set(Effect::Exposure, Choice::Off);
@@ -85,6 +87,7 @@ fn is_none(angle: &f64) -> bool {
 /// Everything that reproduces a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
+#[expect(clippy::struct_excessive_bools, reason = "switches of a run, each on its own")]
 pub struct RunConfig {
     /// The scene's folder or file.
     pub scene: PathBuf,
@@ -124,6 +127,9 @@ pub struct RunConfig {
     /// True if the photos' cameras are corrected: the user's choice, or the decision if that is left to the scene.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub poses: bool,
+    /// True if pictures leave out Gaussians by chance, likewise.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub dropout: bool,
     /// Largest number of Gaussians.
     pub max_gaussians: usize,
     /// Iterations between checkpoints; with 0 only an interruption writes one.
@@ -191,6 +197,7 @@ impl RunConfig {
             style: Style::default(),
             exposure: false,
             poses: false,
+            dropout: false,
             max_gaussians: 4_000_000,
             checkpoint_every: 5000,
             schedule: preset.schedule(None),

@@ -5,6 +5,7 @@ use crate::gpu::Recording;
 use crate::render::Backward;
 use crate::response::Gather;
 use crate::train::adam;
+use crate::train::dropout;
 use crate::train::error::Result;
 use crate::train::exposure;
 use crate::train::method::Iteration;
@@ -47,6 +48,10 @@ impl Trainer {
             colours: responses.is_some(),
             rates: adam_step.rates,
         };
+        if options.dropout {
+            let share = dropout::share(iteration, options.schedule.iterations);
+            dropout::record(recording, renderer, (model, camera), now.key, share);
+        }
         if let Some(method) = &options.method {
             method.before_blending(recording, &now);
         }

@@ -124,6 +124,7 @@ fn options(config: &RunConfig, exposure: bool) -> Options {
         cameras: None,
         exposure: exposure.then(|| Exposures::Learnt(Vec::new())),
         poses: false,
+        dropout: false,
         weights: Weights::default(),
         averaged: 0..0,
         method: None,

@@ -102,6 +102,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Ma
         cameras: None,
         exposure: None,
         poses: false,
+        dropout: false,
         weights: Weights::default(),
         averaged: 0..0,
         method: method.clone(),

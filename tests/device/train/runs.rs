@@ -72,6 +72,7 @@ pub(crate) fn options() -> Options {
         cameras: None,
         exposure: None,
         poses: false,
+        dropout: false,
         weights: Weights::default(),
         averaged: 0..0,
         method: None,
