@@ -1,5 +1,5 @@
-//! Ctrl-C and SIGTERM, on Windows Ctrl-C and Ctrl-Break: the first one asks the work to end at the next step, the second one ends
-//! the program.
+//! Ctrl-C and SIGTERM, on Windows Ctrl-C, Ctrl-Break and the closing of the window: the first one asks the work to end at the next
+//! step, the second one ends the program.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,24 +36,58 @@ fn watched() -> Arc<AtomicBool> {
     asked
 }
 
-/// One handler for the whole process, which is all that a console allows.
+/// One thread for the whole process waits for the console's events. Closing its window is one: Windows leaves the program five
+/// seconds then, and ends it at once if its handler returns, which tokio's does not.
 #[cfg(windows)]
 fn watched() -> Arc<AtomicBool> {
     static ASKED: std::sync::OnceLock<Arc<AtomicBool>> = std::sync::OnceLock::new();
     let asked = ASKED.get_or_init(|| {
         let asked = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&asked);
-        let watching = ctrlc::set_handler(move || {
-            if flag.swap(true, Ordering::SeqCst) {
-                std::process::exit(130);
+        let (ready, wait) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            let ended = listen(&ready, || {
+                if flag.swap(true, Ordering::SeqCst) {
+                    std::process::exit(130);
+                }
+            });
+            if let Err(e) = ended {
+                tracing::debug!("Ctrl-C will end the program at once: {e}");
             }
         });
-        if let Err(e) = watching {
-            tracing::debug!("Ctrl-C will end the program at once: {e}");
-        }
+        // It listens now, or has ended.
+        let _ = wait.recv();
         asked
     });
     Arc::clone(asked)
+}
+
+/// Calls `asked` at each event of the console that should end the program; never returns but with an error.
+#[cfg(windows)]
+fn listen(ready: &std::sync::mpsc::Sender<()>, asked: impl Fn()) -> std::io::Result<()> {
+    use tokio::signal::windows;
+    tokio::runtime::Builder::new_current_thread().build()?.block_on(async {
+        let (mut c, mut pause) = (windows::ctrl_c()?, windows::ctrl_break()?);
+        let (mut close, mut shutdown) = (windows::ctrl_close()?, windows::ctrl_shutdown()?);
+        let _ = ready.send(());
+        loop {
+            std::future::poll_fn(|context| {
+                let polls = [
+                    c.poll_recv(context),
+                    pause.poll_recv(context),
+                    close.poll_recv(context),
+                    shutdown.poll_recv(context),
+                ];
+                if polls.iter().any(std::task::Poll::is_ready) {
+                    std::task::Poll::Ready(())
+                } else {
+                    std::task::Poll::Pending
+                }
+            })
+            .await;
+            asked();
+        }
+    })
 }
 
 /// Turns a write beyond the process's file-size limit into an error that names file and cause; otherwise the system

@@ -268,7 +268,7 @@ fn a_stage_has_one_name_everywhere() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// A root of a sum has the same bits with every C library. `hypot` has not, and glibc's newest is of 2.35: packages need 2.34.
+/// A root of a sum has the same bits with every C library. `hypot` has not.
 #[test]
 fn lengths_are_roots() {
     let calls = |path: &String| code(path).contains("hypot(");

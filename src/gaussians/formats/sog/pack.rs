@@ -7,7 +7,7 @@ use std::io::{Cursor, Write};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipWriter};
+use zip::{CompressionMethod, System, ZipWriter};
 
 use super::super::fault::Fault;
 use super::super::weight::weight;
@@ -172,7 +172,8 @@ fn weights(model: &Gaussians, order: &[u32]) -> Vec<f32> {
 fn bundle(files: &[(&str, Vec<u8>)]) -> Result<Vec<u8>, Fault> {
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     // WebP does not shrink further, and readers may seek in uncompressed entries.
-    let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    // The system's name is a byte of each entry.
+    let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).system(System::Unix);
     for (name, content) in files {
         archive.start_file(*name, stored).map_err(unpackable)?;
         archive.write_all(content).map_err(unpackable)?;

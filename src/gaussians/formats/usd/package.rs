@@ -3,7 +3,7 @@
 use std::io::{Cursor, Read};
 
 use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipArchive, ZipWriter};
+use zip::{CompressionMethod, System, ZipArchive, ZipWriter};
 
 use super::super::{Gaussians, RenderMode};
 use super::{AGAIN, Fault, Parsed, binary, malformed, read, write};
@@ -14,7 +14,8 @@ const ALIGNMENT: u16 = 64;
 /// A package of one text layer.
 pub(in super::super) fn package(model: &Gaussians, mode: RenderMode) -> Result<Vec<u8>, Fault> {
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).with_alignment(ALIGNMENT);
+    let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    let options = stored.with_alignment(ALIGNMENT).system(System::Unix); // on Windows, too: the same bytes
     let failed = |error: &dyn std::fmt::Display| Fault::Unsupported(format!("cannot be packed ({error}); write .usda"));
     archive.start_file("splat.usda", options).map_err(|error| failed(&error))?;
     write(&mut archive, model, mode).map_err(|error| failed(&error))?;
