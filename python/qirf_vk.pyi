@@ -15,6 +15,7 @@ __version__: str
 
 Path = Union[str, PathLike[str]]
 Vector = Sequence[float]
+Resolution = Union[int, str]
 Step = dict[str, Any]
 OnStep = Callable[[Step], None]
 OnProgress = Callable[[str, int, int], None]
@@ -23,20 +24,21 @@ class DeviceError(RuntimeError):
     """A device that is missing, unsuitable or lost, or that computes wrong numbers."""
 
 class Device:
-    """A Vulkan device."""
+    """A Vulkan device: by its index, a part of its name, "uuid:..." or "pci:..."; else $QIRF_DEVICE, else the best there is.
 
-    def __init__(self, name: Optional[str] = None, *, memory_limit: Optional[int] = None) -> None:
-        """Opens a device by its index, a part of its name, "uuid:..." or "pci:..."; else $QIRF_DEVICE, else the best there is.
+    memory_limit: bytes that may be used; else what is free of a GPU's memory. Raises DeviceError.
+    """
 
-        memory_limit: bytes that may be used; else what is free of a GPU's memory.
-        """
+    def __init__(self, name: Optional[str] = None, *, memory_limit: Optional[int] = None) -> None: ...
 
     @staticmethod
     def list() -> list[str]:
         """Names of all devices, in the order of their indices."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Its name, as the driver gives it."""
+
     @property
     def memory_used(self) -> int:
         """Bytes in its buffers now."""
@@ -145,10 +147,13 @@ def merge(models: Sequence[Model]) -> Model:
     """All Gaussians of several models, one model after the other; bands that one lacks are zero. Means count from the first one's origin."""
 
 class Camera:
-    """A pinhole camera, as COLMAP and OpenCV have it."""
+    """A pinhole camera as COLMAP and OpenCV have it: x right, y down, z forward; the middle of the first pixel is (0.5, 0.5).
 
-    def __init__(self, k: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], *, near: Optional[float] = None) -> None:
-        """k: (3, 3) in pixels; world_to_camera: (3, 4) or (4, 4); size: width and height; near: Gaussians nearer than this are left out."""
+    k: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
+    near: Gaussians nearer than this, in world units along the camera's axis, are left out.
+    """
+
+    def __init__(self, k: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], *, near: Optional[float] = None) -> None: ...
 
     @staticmethod
     def look_at(
@@ -186,7 +191,10 @@ def orbit(
     """Cameras on a circle around a model, those of `qirf-vk render --orbit`; fov is vertical, elevation above the horizon, in degrees."""
 
 class Renderer:
-    """Draws pictures of one model, in parts if the device cannot hold it."""
+    """Draws pictures of one model, in parts if the device cannot hold it.
+
+    background: red, green and blue in [0, 1]. A renderer keeps the model on the device: make one for many pictures.
+    """
 
     def __init__(self, model: Model, device: Optional[Device] = None, *, background: Vector = (0.0, 0.0, 0.0)) -> None: ...
     @overload
@@ -209,7 +217,9 @@ class Run:
     """A finished run."""
 
     @property
-    def model(self) -> Model: ...
+    def model(self) -> Model:
+        """The trained, pruned model."""
+
     @property
     def record(self) -> dict[str, Any]:
         """The contents of metrics.json (docs/metrics.md)."""
@@ -235,11 +245,15 @@ def train(
 ) -> Run:
     """Trains a scene with poses, prunes it, and scores it, as `qirf-vk run` does, with the same bytes.
 
-    preset: "standard", "quick" or "paper". output: the folder of the run's files; temporary if absent. on_step gets a line of log.jsonl as a
-    dictionary: iteration, iterations, seconds, loss, gaussians, psnr where it was measured, rates, device_bytes. on_progress gets the stage, the
-    steps done and their number. options: iterations; keep (a share) or count of Gaussians, or prune=False; effects, such as ["exposure=on"];
-    and every key of config.toml, such as seed, resolution ("640" wide, or "/2"), images, eval_every, sh_degree, max_gaussians,
-    checkpoint_every, background, clean.
+    scene: a folder with COLMAP's, Blender's, instant-ngp's or nerfstudio's cameras and photos. preset: "standard", "quick" or "paper".
+    output: the folder of the run's files; temporary if absent. resume: goes on from the checkpoint of an interrupted run there.
+
+    on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr where it was measured,
+    rates, device_bytes. on_progress gets the stage, the steps done and their number. What a callback raises ends the run.
+
+    options: iterations; keep (a share) or count of Gaussians, or prune=False; effects, such as ["exposure=on"]; and every key of
+    config.toml, such as seed, resolution (640 pixels wide, or "/2"), images, eval_every, sh_degree, max_gaussians, checkpoint_every,
+    background, clean.
     """
 
 def compress(
@@ -251,7 +265,7 @@ def compress(
     psnr: Optional[float] = None,
     output: Optional[Path] = None,
     scene: Optional[Path] = None,
-    resolution: Optional[str] = None,
+    resolution: Optional[Resolution] = None,
     selector: Optional[str] = None,
     fine_tune: int = 0,
     views: Optional[int] = None,
@@ -260,10 +274,16 @@ def compress(
     device: Optional[Device] = None,
     on_progress: Optional[OnProgress] = None,
 ) -> tuple[Model, dict[str, Any]]:
-    """Keeps a share (0.28 if nothing is said), a count, or what fits a file: `size` bytes, or the fewest for a `psnr`; these two need `output`.
+    """Removes the Gaussians that pictures can do without. Returns the smaller model and the record of `qirf-vk compress --json`.
 
-    With `output` the file is written, and the model is what it holds. The model's own pictures judge it, or a scene's photos. Returns the smaller
-    model and the record of `qirf-vk compress --json`.
+    keep: a share, 0.28 if nothing is said; or count: a number of Gaussians; or size: the best file of so many bytes; or psnr: the
+    smallest file of so many dB. The last two need `output`, a file name as Model.save takes it. With `output` the file is written, and
+    the model is what it holds.
+
+    Judges are `views` pictures of the model itself, of picture_size (width, height), or the photos of `scene`, at a resolution such as 640
+    (pixels wide) or "/2". selector: how Gaussians are ranked (docs/method.md); fine_tune: iterations of training afterwards.
+    record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
+    "fine_tuned"; each has psnr in dB, ssim, and lpips_alex and the like where weights are installed.
     """
 
 def evaluate(
@@ -271,10 +291,14 @@ def evaluate(
     scene: Optional[Path] = None,
     *,
     against: Optional[Model] = None,
-    resolution: Optional[str] = None,
+    resolution: Optional[Resolution] = None,
     eval_every: int = 8,
     background: Optional[Vector] = None,
     device: Optional[Device] = None,
     on_progress: Optional[OnProgress] = None,
 ) -> dict[str, Any]:
-    """Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`."""
+    """Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
+
+    resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: each so many photos one is held out. background: red, green
+    and blue in [0, 1]. record["test"] has the means, record["views"] each view's: psnr in dB, ssim, and lpips_alex and the like where weights are installed.
+    """

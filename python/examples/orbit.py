@@ -5,6 +5,9 @@ from pathlib import Path
 import numpy as np
 import qirf_vk
 
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
+
 model, folder = qirf_vk.Model.load(sys.argv[1]), Path(sys.argv[2])
 folder.mkdir(exist_ok=True)
 renderer = qirf_vk.Renderer(model, background=(1, 1, 1))

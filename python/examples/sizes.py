@@ -3,6 +3,9 @@ import sys
 
 import qirf_vk
 
+if len(sys.argv) != 2:
+    sys.exit(__doc__)
+
 model = qirf_vk.Model.load(sys.argv[1])
 print("share  Gaussians    dB")
 for share in (0.5, 0.28, 0.1, 0.05):

@@ -3,11 +3,15 @@ import sys
 
 import qirf_vk
 
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
+
 
 def draw(step):
-    bar = "#" * round(200 * (step["loss"] or 0))
+    loss = step["loss"] or 0.0  # None where it is no number
+    bar = "#" * round(200 * loss)
     psnr = f'  {step["psnr"]:.2f} dB' if "psnr" in step else ""
-    print(f'{step["iteration"]:6} {step["gaussians"]:8} {step["loss"]:.4f} {bar}{psnr}', flush=True)
+    print(f'{step["iteration"]:6} {step["gaussians"]:8} {loss:.4f} {bar}{psnr}', flush=True)
 
 
 run = qirf_vk.train(sys.argv[1], preset="quick", output=sys.argv[2], resume=True, resolution="256", on_step=draw)

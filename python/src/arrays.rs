@@ -32,11 +32,17 @@ pub fn floats(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<usize>, Ve
     Ok((array.shape().to_vec(), array.as_slice()?.to_vec()))
 }
 
+/// A shape as Python writes it.
+pub fn tuple(shape: &[usize]) -> String {
+    let numbers: Vec<String> = shape.iter().map(ToString::to_string).collect();
+    format!("({}{})", numbers.join(", "), if shape.len() == 1 { "," } else { "" })
+}
+
 /// The numbers as rows of `N`.
 pub fn rows<const N: usize>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f32; N]>> {
     match floats(object, name)? {
         (shape, numbers) if shape.len() == 2 && shape[1] == N => Ok(numbers.as_chunks().0.to_vec()),
-        (shape, _) => Err(wrong(format!("{name} has the shape {shape:?}, and should have (n, {N})"))),
+        (shape, _) => Err(wrong(format!("{name} has the shape {}, and should have (n, {N})", tuple(&shape)))),
     }
 }
 
@@ -46,7 +52,7 @@ pub fn matrix<const R: usize, const C: usize>(object: &Bound<'_, PyAny>, name: &
     let array = numpy.call_method1("ascontiguousarray", (object, "float64"))?;
     let array: PyReadonlyArrayDyn<'_, f64> = array.extract()?;
     if array.shape() != [R, C] {
-        return Err(wrong(format!("{name} has the shape {:?}, and should have ({R}, {C})", array.shape())));
+        return Err(wrong(format!("{name} has the shape {}, and should have ({R}, {C})", tuple(array.shape()))));
     }
     let numbers = array.as_slice()?;
     Ok(std::array::from_fn(|r| std::array::from_fn(|c| numbers[r * C + c])))
@@ -56,6 +62,17 @@ pub fn matrix<const R: usize, const C: usize>(object: &Bound<'_, PyAny>, name: &
 pub fn dictionary<'py>(py: Python<'py>, record: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(record).map_err(|e| wrong(e.to_string()))?;
     py.import("json")?.call_method1("loads", (text,))
+}
+
+/// A size of photos: a width in pixels as a number, or a text such as "640" or "/2".
+pub struct Resolution(pub String);
+
+impl<'py> FromPyObject<'_, 'py> for Resolution {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        object.str()?.extract().map(Self)
+    }
 }
 
 /// Keyword arguments as JSON.

@@ -5,7 +5,9 @@ use engine::gpu::{self, DeviceOptions};
 use engine::pipeline::Error;
 use pyo3::prelude::*;
 
-/// A Vulkan device.
+/// A Vulkan device: by its index, a part of its name, "uuid:..." or "pci:..."; else $QIRF_DEVICE, else the best there is.
+///
+/// memory_limit: bytes that may be used; else what is free of a GPU's memory. Raises DeviceError.
 #[pyclass(frozen, module = "qirf_vk")]
 pub struct Device {
     pub(crate) inner: gpu::Device,
@@ -30,7 +32,7 @@ impl Device {
         Ok(all.into_iter().map(|info| info.name).collect())
     }
 
-    /// Its name.
+    /// Its name, as the driver gives it.
     #[getter]
     fn name(&self) -> &str {
         &self.inner.info().name

@@ -5,6 +5,7 @@ use crate::model::Model;
 use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted};
 use engine::gaussians::Gaussians;
 use engine::glam::DVec3;
+use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
 
 impl Model {
@@ -22,21 +23,28 @@ impl Model {
     }
 }
 
+impl Model {
+    fn cropped(&self, py: Python<'_>, region: Result<Region, engine::edit::Error>, outside: bool) -> PyResult<Self> {
+        let region = region.map_err(|e| raised(engine::pipeline::Error::from(e)))?;
+        self.edited(py, Edit::Crop { region, outside })
+    }
+}
+
 #[pymethods]
 impl Model {
-    /// Moves, turns and scales by a similarity of 3 x 4 or 4 x 4 numbers; spherical harmonics turn along.
+    /// Moves, turns and scales by a similarity, (3, 4) or (4, 4); spherical harmonics turn along.
     fn transform(&self, py: Python<'_>, matrix: &Bound<'_, PyAny>) -> PyResult<Self> {
         let flat = py.import("numpy")?.call_method1("ravel", (matrix,))?.call_method0("tolist")?;
         let numbers: Vec<f64> = flat.extract()?;
         self.transformed(py, Similarity::of_matrix(&numbers))
     }
 
-    /// Moves by a vector in world units.
+    /// Moves by (x, y, z) in world units.
     fn move_by(&self, py: Python<'_>, offset: [f64; 3]) -> PyResult<Self> {
         self.transformed(py, Ok(Similarity::shift(DVec3::from_array(offset))))
     }
 
-    /// Turns about an axis through the origin by degrees, by the right hand.
+    /// Turns about an axis through the origin, by the right hand.
     fn turn(&self, py: Python<'_>, axis: [f64; 3], degrees: f64) -> PyResult<Self> {
         self.transformed(py, Similarity::turn(DVec3::from_array(axis), degrees))
     }
@@ -46,35 +54,40 @@ impl Model {
         self.transformed(py, Similarity::scaling(factor))
     }
 
-    /// Keeps what lies within a box along the world's axes, or outside of it.
+    /// Keeps the Gaussians whose centre is in a box along the world's axes, or those whose centre is not.
     #[pyo3(signature = (low, high, *, outside=false))]
     fn crop_box(&self, py: Python<'_>, low: [f64; 3], high: [f64; 3], outside: bool) -> PyResult<Self> {
-        let region = Region::Box { low: DVec3::from_array(low), high: DVec3::from_array(high) };
-        self.edited(py, Edit::Crop { region, outside })
+        self.cropped(py, Region::cube(low.into(), high.into()), outside)
     }
 
-    /// Keeps what lies within a ball, or outside of it.
+    /// Keeps the Gaussians whose centre is in a ball, or those whose centre is not.
     #[pyo3(signature = (centre, radius, *, outside=false))]
     fn crop_ball(&self, py: Python<'_>, centre: [f64; 3], radius: f64, outside: bool) -> PyResult<Self> {
-        self.edited(py, Edit::Crop { region: Region::Sphere { centre: DVec3::from_array(centre), radius }, outside })
+        self.cropped(py, Region::ball(centre.into(), radius), outside)
     }
 
-    /// Drops the bands above a degree.
+    /// Drops the bands above this SH degree.
     fn with_degree(&self, py: Python<'_>, degree: usize) -> PyResult<Self> {
         self.edited(py, Edit::ShDegree(degree))
     }
 
     /// Removes Gaussians of a lower opacity, 0 to 1.
     fn min_opacity(&self, py: Python<'_>, opacity: f64) -> PyResult<Self> {
+        if !(0.0..=1.0).contains(&opacity) {
+            return Err(wrong(format!("opacity={opacity}: give one from 0 to 1")));
+        }
         self.edited(py, Edit::MinOpacity(opacity))
     }
 
     /// Removes Gaussians of which an axis's standard deviation is larger, in world units.
     fn max_size(&self, py: Python<'_>, size: f64) -> PyResult<Self> {
+        if !(size > 0.0) {
+            return Err(wrong(format!("size={size}: give one above 0, in world units")));
+        }
         self.edited(py, Edit::MaxSize(size))
     }
 
-    /// Removes Gaussians of a kind: "invisible" or "needles".
+    /// Removes "invisible" Gaussians, which no picture can show, or "needles", whose longest axis is `ratio` times the middle one.
     #[pyo3(signature = (kind, *, ratio=NEEDLE))]
     fn remove(&self, py: Python<'_>, kind: &str, ratio: f64) -> PyResult<Self> {
         let unwanted = match kind {
@@ -87,7 +100,7 @@ impl Model {
         self.edited(py, Edit::Remove(unwanted))
     }
 
-    /// Orders Gaussians along a Z-order curve.
+    /// Orders Gaussians along a Z-order curve, so that neighbours in space are neighbours in the file.
     fn morton_order(&self, py: Python<'_>) -> PyResult<Self> {
         self.edited(py, Edit::MortonOrder)
     }
@@ -98,7 +111,7 @@ impl Model {
         let array = numpy.call_method1("asarray", (chosen,))?;
         let is_mask: bool = array.getattr("dtype")?.getattr("kind")?.eq("b")?;
         let n = self.inner.len();
-        let indices: Vec<usize> = if is_mask {
+        let indices: Vec<i64> = if is_mask {
             if array.len()? != n {
                 return Err(wrong(format!("a mask of {} for {n} Gaussians", array.len()?)));
             }
@@ -106,14 +119,16 @@ impl Model {
         } else {
             array.call_method0("tolist")?.extract()?
         };
-        if let Some(beyond) = indices.iter().find(|i| **i >= n) {
-            return Err(wrong(format!("there is no Gaussian {beyond} among {n}")));
+        let within = |i: &i64| usize::try_from(*i).ok().filter(|i| *i < n);
+        if let Some(beyond) = indices.iter().find(|i| within(i).is_none()) {
+            return Err(PyIndexError::new_err(format!("there is no Gaussian {beyond} among {n}: give numbers from 0")));
         }
+        let indices: Vec<usize> = indices.iter().filter_map(within).collect();
         Ok(self.like(py.detach(|| self.inner.select(&indices))))
     }
 }
 
-/// All Gaussians of several models, one model after the other; means count from where the first one's do.
+/// All Gaussians of several models, one model after the other; bands that one lacks are zero. Means count from the first one's origin.
 #[pyfunction]
 pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     let models: Vec<&Model> = models.iter().map(Bound::get).collect();

@@ -1,9 +1,7 @@
 //! The engine's errors as Python's exceptions, with the engine's words.
 
 use engine::pipeline::{Error, Exit};
-use pyo3::exceptions::{
-    PyFileNotFoundError, PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError,
-};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::error::Error as _;
 use std::io;
@@ -16,11 +14,11 @@ pyo3::create_exception!(
 );
 
 /// The system's reason behind an error, if there is one.
-fn system(error: &Error) -> Option<io::ErrorKind> {
+fn system(error: &Error) -> Option<&io::Error> {
     let mut cause = error.source();
     while let Some(at) = cause {
         if let Some(io) = at.downcast_ref::<io::Error>() {
-            return Some(io.kind());
+            return Some(io);
         }
         cause = at.source();
     }
@@ -34,11 +32,30 @@ pub fn raised(error: impl Into<Error>) -> PyErr {
     match (Exit::of(&error), system(&error)) {
         (Exit::Interrupted, _) => PyKeyboardInterrupt::new_err(text),
         (Exit::Device, _) => DeviceError::new_err(text),
-        (_, Some(io::ErrorKind::NotFound)) => PyFileNotFoundError::new_err(text),
         (Exit::Resources, None) => PyMemoryError::new_err(text),
-        (_, Some(_)) => PyOSError::new_err(text),
+        // Python makes a FileNotFoundError, a PermissionError ... of the system's number.
+        (_, Some(io)) => match io.raw_os_error().filter(|_| cfg!(unix)) {
+            Some(number) => PyOSError::new_err((number, text)),
+            None => PyOSError::new_err(text),
+        },
         _ => PyValueError::new_err(text),
     }
+}
+
+/// A share of Gaussians to keep.
+pub fn share(keep: f64) -> PyResult<f64> {
+    if keep > 0.0 && keep <= 1.0 {
+        return Ok(keep);
+    }
+    Err(wrong(format!("keep={keep}: give a share above 0 and up to 1")))
+}
+
+/// A number of things that has to be at least `least`.
+pub fn number<T: TryFrom<i64>>(name: &str, value: i64, least: i64) -> PyResult<T> {
+    T::try_from(value)
+        .ok()
+        .filter(|_| value >= least)
+        .ok_or_else(|| wrong(format!("{name}={value}: give {least} or more")))
 }
 
 /// An exception for a value that makes no sense.

@@ -1,8 +1,8 @@
 //! Scores.
 
-use crate::arrays::dictionary;
+use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::wrong;
+use crate::errors::{number, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
 use engine::gaussians::Gaussians;
@@ -14,7 +14,10 @@ use engine::render::Style;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Scores a model against a scene's held-out photos, or against another model's pictures.
+/// Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
+///
+/// resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: each so many photos one is held out. background: red, green
+/// and blue in [0, 1]. record["test"] has the means, record["views"] each view's: psnr in dB, ssim, and lpips_alex and the like where weights are installed.
 #[pyfunction]
 #[pyo3(signature = (model, scene=None, *, against=None, resolution=None, eval_every=8, background=None, device=None, on_progress=None))]
 pub fn evaluate<'py>(
@@ -22,8 +25,8 @@ pub fn evaluate<'py>(
     model: &Bound<'py, Model>,
     scene: Option<PathBuf>,
     against: Option<&Bound<'py, Model>>,
-    resolution: Option<String>,
-    eval_every: usize,
+    resolution: Option<Resolution>,
+    eval_every: i64,
     background: Option<[f32; 3]>,
     device: Option<&Bound<'py, Device>>,
     on_progress: Option<Py<PyAny>>,
@@ -36,6 +39,7 @@ pub fn evaluate<'py>(
     let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
     match (scene, original) {
         (Some(scene), None) => {
+            let (resolution, eval_every) = (resolution.map(|r| r.0), number("eval_every", eval_every, 1)?);
             let usual = RunConfig::of(scene, Default::default());
             let selection = RunConfig { resolution, eval_every, background, ..usual }.selection();
             let evaluation = Evaluation { selection, style, exposure: false };
@@ -56,6 +60,7 @@ pub fn evaluate<'py>(
             let record = serde_json::json!({ "test": held_out.mean(), "views": held_out.views });
             dictionary(py, &record)
         }
-        _ => Err(wrong("give a scene, or another model as against")),
+        (Some(_), Some(_)) => Err(wrong("scene and against are two ways to score; give one of them")),
+        (None, None) => Err(wrong("give a scene, or another model as against")),
     }
 }

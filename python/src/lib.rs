@@ -14,6 +14,10 @@ mod watch;
 use pyo3::prelude::*;
 
 /// 3D Gaussian Splatting with Vulkan compute: models, pictures, training, compression, scores.
+///
+/// Units: positions and sizes in world units, pictures in [0, 1], angles in degrees, PSNR in dB, seconds. Cameras have x right, y down, z forward;
+/// the middle of the first pixel is (0.5, 0.5). Functions raise ValueError for arguments and file contents that are wrong, FileNotFoundError and other
+/// OSErrors for files, MemoryError, DeviceError, and KeyboardInterrupt after Ctrl-C.
 #[pymodule]
 fn qirf_vk(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;

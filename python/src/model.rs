@@ -1,6 +1,6 @@
 //! Models.
 
-use crate::arrays::{borrowed, floats, rows};
+use crate::arrays::{borrowed, floats, rows, tuple};
 use crate::errors::{raised, wrong};
 use engine::gaussians::formats::{self, Loaded, RenderMode};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A 3DGS model on the host, which never changes: edits make new ones.
+/// A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory.
 #[pyclass(frozen, module = "qirf_vk")]
 pub struct Model {
     pub(crate) inner: Arc<Gaussians>,
@@ -62,7 +62,7 @@ fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
         if shape == expected {
             Ok(numbers)
         } else {
-            Err(wrong(format!("sh[{at}] has the shape {shape:?}, and should have {expected:?}")))
+            Err(wrong(format!("sh[{at}] has the shape {}, and should have {}", tuple(&shape), tuple(&expected))))
         }
     };
     if let Ok(list) = sh.extract::<Vec<Bound<'_, PyAny>>>()
@@ -73,7 +73,7 @@ fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
     let (shape, numbers) = floats(sh, "sh")?;
     let degree = (0..=MAX_SH_DEGREE).find(|l| shape == [n, (l + 1) * (l + 1), 3]);
     let Some(degree) = degree else {
-        return Err(wrong(format!("sh has the shape {shape:?}, and should have ({n}, 1, 4, 9 or 16, 3)")));
+        return Err(wrong(format!("sh has the shape {}, and should have ({n}, 1, 4, 9 or 16, 3)", tuple(&shape))));
     };
     let all = 3 * (degree + 1) * (degree + 1);
     let band = |l: usize| {
@@ -84,14 +84,17 @@ fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
 
 #[pymethods]
 impl Model {
-    /// Reads a model: .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder.
+    /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; what cannot be drawn is left out.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let loaded = py.detach(|| formats::read(&path)).map_err(|e| raised(Error::from(e)))?;
         Ok(loaded.into())
     }
 
-    /// A model from copies of arrays, checked.
+    /// Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
+    ///
+    /// means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
+    /// (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see there.
     #[staticmethod]
     #[pyo3(signature = (means, log_scales, rotations, opacity_logits, sh, *, antialiased=false, origin=[0.0; 3]))]
     fn from_arrays(
@@ -109,7 +112,11 @@ impl Model {
         let means = rows(means, "means")?;
         let (shape, opacity_logits) = floats(opacity_logits, "opacity_logits")?;
         if shape != [means.len()] {
-            return Err(wrong(format!("opacity_logits has the shape {shape:?}, and should have ({},)", means.len())));
+            return Err(wrong(format!(
+                "opacity_logits has the shape {}, and should have ({},)",
+                tuple(&shape),
+                means.len()
+            )));
         }
         let model = Gaussians {
             log_scales: rows(log_scales, "log_scales")?,
@@ -122,7 +129,7 @@ impl Model {
         Ok(Self { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
     }
 
-    /// Writes the model, whole or not at all; the name decides on the format.
+    /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, whole or not at all; an origin goes to georeference.json beside it.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| formats::write_at(&path, &self.inner, self.mode, self.origin))
             .map_err(|e| raised(Error::writing(e)))
@@ -142,7 +149,7 @@ impl Model {
         Self::view(this, model.log_scales.as_flattened(), (model.len(), 3))
     }
 
-    /// Quaternions (w, x, y, z) of any length, (n, 4).
+    /// Quaternions w, x, y, z of any length, (n, 4).
     #[getter]
     fn rotations<'py>(this: &Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let model = &this.get().inner;
@@ -156,7 +163,7 @@ impl Model {
         Self::view(this, &model.opacity_logits, model.len())
     }
 
-    /// Spherical harmonics by degree: (n, 2 l + 1, 3) for l = 0 to L.
+    /// Spherical harmonics by degree, (n, 2 l + 1, 3) for l = 0 to L: coefficients m = -l to l, each red, green, blue.
     #[getter]
     fn sh<'py>(this: &Bound<'py, Self>) -> PyResult<Vec<Bound<'py, PyArray3<f32>>>> {
         let model = &this.get().inner;
@@ -169,13 +176,13 @@ impl Model {
         self.inner.degree()
     }
 
-    /// True if it was trained with, and has to be drawn with, anti-aliasing.
+    /// True if it has to be drawn with anti-aliasing.
     #[getter]
     fn antialiased(&self) -> bool {
         self.mode.antialiased()
     }
 
-    /// Where the means count from in the world, x, y, z.
+    /// Where the means count from in the world: (0, 0, 0) but for models far from there, such as those of maps. Edits keep it.
     #[getter]
     fn origin(&self) -> (f64, f64, f64) {
         self.origin.into()

@@ -2,7 +2,7 @@
 
 use crate::arrays::matrix;
 use crate::device::{Device, or_usual};
-use crate::errors::{raised, wrong};
+use crate::errors::{number, raised, wrong};
 use crate::model::Model;
 use engine::gaussians::Gaussians;
 use engine::gaussians::outline::outline;
@@ -22,6 +22,9 @@ use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 /// A pinhole camera as COLMAP and OpenCV have it: x right, y down, z forward; the middle of the first pixel is (0.5, 0.5).
+///
+/// k: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
+/// near: Gaussians nearer than this, in world units along the camera's axis, are left out.
 #[pyclass(frozen, module = "qirf_vk")]
 #[derive(Clone)]
 pub struct Camera {
@@ -69,7 +72,7 @@ impl Camera {
         )
     }
 
-    /// A camera at `eye` that looks at `target`; `fov` is the vertical field of view in degrees.
+    /// A camera at `eye` that looks at `target`; fov is vertical, in degrees.
     #[staticmethod]
     #[pyo3(signature = (eye, target=[0.0; 3], *, up=UP.to_array(), fov=40.0, size=(1280, 720), near=None))]
     fn look_at(
@@ -84,6 +87,9 @@ impl Camera {
             return Err(wrong(format!("a field of view of {fov} degrees: give one above 0 and below 180")));
         }
         let [eye, target, up] = [eye, target, up].map(DVec3::from_array);
+        if eye == target || up == DVec3::ZERO {
+            return Err(wrong("a camera looks from eye to another point, target, and up is a direction"));
+        }
         Self::checked(camera::Camera::look_at(eye, target, up, fov.to_radians(), size.0, size.1), near)
     }
 
@@ -135,13 +141,13 @@ impl Camera {
     }
 }
 
-/// Cameras on a circle around a model, as `qirf-vk render --orbit` has them; angles in degrees.
+/// Cameras on a circle around a model, those of `qirf-vk render --orbit`; fov is vertical, elevation above the horizon, in degrees.
 #[pyfunction]
 #[pyo3(signature = (model, count, *, size=(1280, 720), fov=40.0, elevation=15.0, up=UP.to_array()))]
 pub fn orbit(
     py: Python<'_>,
     model: &Bound<'_, Model>,
-    count: u32,
+    count: i64,
     size: (u32, u32),
     fov: f64,
     elevation: f64,
@@ -151,6 +157,7 @@ pub fn orbit(
     if !(fov > 0.0 && fov < 180.0 && elevation.abs() < 90.0) {
         return Err(wrong("give a field of view above 0 and below 180 degrees, and an elevation between -90 and 90"));
     }
+    let count = number("count", count, 1)?;
     let look = Look { fov: fov.to_radians(), elevation: elevation.to_radians(), size };
     let model = model.get().inner.clone();
     let (near, cameras) = py.detach(|| {
@@ -160,7 +167,9 @@ pub fn orbit(
     cameras.into_iter().map(|camera| Camera::checked(camera, Some(near))).collect()
 }
 
-/// Draws pictures of one model.
+/// Draws pictures of one model, in parts if the device cannot hold it.
+///
+/// background: red, green and blue in [0, 1]. A renderer keeps the model on the device: make one for many pictures.
 #[pyclass(frozen, module = "qirf_vk")]
 pub struct Renderer {
     device: gpu::Device,
@@ -236,7 +245,8 @@ impl Renderer {
         Ok(Self { device, model, resident, settings: style.over(background), brushes: Mutex::default() })
     }
 
-    /// Red, green, blue (background blended in) and alpha: float32 (height, width, 4).
+    /// A picture (height, width, 4): red, green, blue with the background blended in, and alpha. Give a Camera, or K (3, 3), the pose
+    /// (3, 4) or (4, 4), and width and height. The bytes are those of `qirf-vk render --format npy`.
     #[pyo3(signature = (camera, world_to_camera=None, size=None))]
     fn render<'py>(
         &self,
@@ -254,7 +264,8 @@ impl Renderer {
         Ok(pixels.into_pyarray(py))
     }
 
-    /// Expected depth along the camera's axis in world units: float32 (height, width), infinite where nothing is.
+    /// Expected depths (height, width) along the camera's axis, in world units: the mean over the Gaussians that a pixel blends, weighted as
+    /// their colours are; infinite where there are none.
     #[pyo3(signature = (camera, world_to_camera=None, size=None))]
     fn depth<'py>(
         &self,

@@ -2,7 +2,7 @@
 
 use crate::arrays::{dictionary, json};
 use crate::device::{Device, or_usual};
-use crate::errors::{raised, wrong};
+use crate::errors::{number, share, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
 use engine::gaussians::formats;
@@ -18,12 +18,13 @@ use std::path::PathBuf;
 /// A finished run.
 #[pyclass(frozen, module = "qirf_vk")]
 pub struct Run {
+    /// The trained, pruned model.
     #[pyo3(get)]
     model: Py<Model>,
-    /// The contents of metrics.json.
+    /// The contents of metrics.json (docs/metrics.md).
     #[pyo3(get)]
     record: Py<PyAny>,
-    /// The lines of log.jsonl.
+    /// The lines of log.jsonl (docs/metrics.md).
     #[pyo3(get)]
     log: Py<PyAny>,
     /// The folder of its files; None if it was temporary.
@@ -47,12 +48,13 @@ fn configuration(scene: PathBuf, preset: &str, mut options: Map<String, Value>) 
         let (effect, choice) = engine::effects::Overrides::parse(effect).map_err(wrong)?;
         config.effects.set(effect, choice);
     }
-    let (keep, count): (Option<f64>, Option<usize>) = (taken(&mut options, "keep")?, taken(&mut options, "count")?);
+    let (keep, count): (Option<f64>, Option<i64>) = (taken(&mut options, "keep")?, taken(&mut options, "count")?);
     let prune = taken(&mut options, "prune")?.unwrap_or(true);
     let keep = match (keep, count) {
         (Some(_), Some(_)) => return Err(wrong("keep and count ask for two numbers of Gaussians; give one of them")),
-        (Some(share), None) => Some(Keep::Share(share)),
-        (None, count) => count.map(Keep::Count),
+        (Some(keep), None) => Some(Keep::Share(share(keep)?)),
+        (None, Some(count)) => Some(Keep::Count(number("count", count, 1)?)),
+        (None, None) => None,
     };
     if !prune && keep.is_some() {
         return Err(wrong("a run without a prune keeps all: leave out keep and count"));
@@ -63,11 +65,38 @@ fn configuration(scene: PathBuf, preset: &str, mut options: Map<String, Value>) 
         config = config.pruned(pruning);
     }
     options.retain(|_, value| !value.is_null());
-    let fields = serde_json::from_value(Value::Object(options)).map_err(|e| wrong(e.to_string()))?;
-    config.with(fields).map_err(raised)
+    if let Some(resolution @ Value::Number(_)) = options.get_mut("resolution") {
+        *resolution = Value::String(resolution.to_string()); // a width in pixels
+    }
+    let with = |options: Map<String, Value>| {
+        let fields = serde_json::from_value(Value::Object(options)).map_err(|e| e.to_string())?;
+        config.with(fields).map_err(|e| e.to_string())
+    };
+    with(options.clone()).map_err(|error| {
+        // The first option that is wrong alone, whose place in config.toml says nothing to who gave it.
+        let one = |(name, value): (String, Value)| Some((name.clone(), with(Map::from_iter([(name, value)])).err()?));
+        let Some((name, error)) = options.into_iter().find_map(one) else { return wrong(error) };
+        if error.starts_with("unknown field") {
+            return wrong(format!("{error}; and here iterations, keep and count"));
+        }
+        match error.split_once(": ") {
+            Some((place, what)) if place.starts_with("line ") => wrong(format!("{name}: {what}")),
+            _ => wrong(error),
+        }
+    })
 }
 
-/// Trains a scene, prunes it, and scores it, as `qirf-vk run` does.
+/// Trains a scene with poses, prunes it, and scores it, as `qirf-vk run` does, with the same bytes.
+///
+/// scene: a folder with COLMAP's, Blender's, instant-ngp's or nerfstudio's cameras and photos. preset: "standard", "quick" or "paper".
+/// output: the folder of the run's files; temporary if absent. resume: goes on from the checkpoint of an interrupted run there.
+///
+/// on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr where it was measured,
+/// rates, device_bytes. on_progress gets the stage, the steps done and their number. What a callback raises ends the run.
+///
+/// options: iterations; keep (a share) or count of Gaussians, or prune=False; effects, such as ["exposure=on"]; and every key of
+/// config.toml, such as seed, resolution (640 pixels wide, or "/2"), images, eval_every, sh_degree, max_gaussians, checkpoint_every,
+/// background, clean.
 #[pyfunction]
 #[pyo3(signature = (scene, preset="standard", *, output=None, device=None, resume=false, on_step=None, on_progress=None, **options))]
 pub fn train(

@@ -1,4 +1,7 @@
 """Tests of the Python package. $QIRF_PROGRAM is the program whose bytes it must have: tools/python-test sets it."""
+import ast
+import errno
+import inspect
 import json
 import os
 import signal
@@ -94,7 +97,7 @@ def test_models_far_from_the_origin_keep_their_place(ring, tmp_path):
 def test_wrong_arrays_are_named(ring):
     means, scales, rotations, logits, sh = arrays(ring)
     make = qirf_vk.Model.from_arrays
-    with pytest.raises(ValueError, match=r"means has the shape \[2, 2\]"):
+    with pytest.raises(ValueError, match=r"means has the shape \(2, 2\), and should have \(n, 3\)"):
         make(np.zeros((2, 2)), scales, rotations, logits, sh)
     with pytest.raises(ValueError, match="log_scales has 3 entries"):
         make(means, scales[:3], rotations, logits, sh)
@@ -113,8 +116,9 @@ def test_wrong_arrays_are_named(ring):
 
 
 def test_errors_have_their_kinds(ring, tmp_path):
-    with pytest.raises(FileNotFoundError, match="nowhere.ply"):
+    with pytest.raises(FileNotFoundError, match="nowhere.ply") as missing:
         qirf_vk.Model.load(tmp_path / "nowhere.ply")
+    assert missing.value.errno == errno.ENOENT
     (tmp_path / "broken.ply").write_bytes(b"ply\nformat nonsense\n")
     with pytest.raises(ValueError, match="broken.ply"):
         qirf_vk.Model.load(tmp_path / "broken.ply")
@@ -136,6 +140,43 @@ def test_errors_have_their_kinds(ring, tmp_path):
         qirf_vk.compress(ring, size=10_000)
     with pytest.raises(ValueError, match="scene"):
         qirf_vk.evaluate(ring)
+    with pytest.raises(ValueError, match="give one of them"):
+        qirf_vk.evaluate(ring, tmp_path, against=ring)
+    wrong = {
+        "count=0: give 1 or more": lambda: qirf_vk.compress(ring, count=0),
+        "count=-3: give 1 or more": lambda: qirf_vk.train(tmp_path, count=-3),
+        "keep=3: give a share": lambda: qirf_vk.train(tmp_path, keep=3),
+        "seed: invalid type": lambda: qirf_vk.train(tmp_path, seed="x", sh_degree=1),
+        "views=1: give 2 or more": lambda: qirf_vk.compress(ring, views=1),
+        "looks from eye": lambda: qirf_vk.Camera.look_at((1, 2, 3), (1, 2, 3)),
+        "radius above 0": lambda: ring.crop_ball((0, 0, 0), -1),
+        "no inside": lambda: ring.crop_box((1, 1, 1), (-1, 2, 2)),
+        "opacity=2": lambda: ring.min_opacity(2),
+    }
+    for text, call in wrong.items():
+        with pytest.raises(ValueError, match=text):
+            call()
+    with pytest.raises(IndexError, match="no Gaussian -1"):
+        ring.select([0, -1])
+
+
+def test_help_says_what_the_stubs_say():
+    checked = 0
+
+    def check(thing, node):
+        nonlocal checked
+        if (text := ast.get_docstring(node)) is not None:
+            assert inspect.getdoc(thing) == text, node
+            checked += 1
+
+    stubs = ast.parse((ROOT / "python" / "qirf_vk.pyi").read_text())
+    check(qirf_vk, stubs)
+    for node in stubs.body:
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)):
+            check(getattr(qirf_vk, node.name), node)
+        for member in [m for m in getattr(node, "body", []) if isinstance(node, ast.ClassDef) and isinstance(m, ast.FunctionDef)]:
+            check(getattr(getattr(qirf_vk, node.name), member.name), member)
+    assert checked > 40
 
 
 def test_pictures_are_the_programs(ring, tmp_path):
