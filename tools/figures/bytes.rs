@@ -7,12 +7,15 @@ use std::path::Path;
 /// Name of the plot in `docs/figures`.
 pub const FILE: &str = "docs/figures/bytes.svg";
 const OURS: &str = "qirf-vk";
+/// PSNR in dB from which on pictures are as good as equal, and files have no place in a plot.
+const EQUAL: f64 = 80.0;
 
 /// A file of a curve.
 struct Row {
     tool: String,
     format: String,
     bytes: f64,
+    gaussians: usize,
     psnr: f64,
 }
 
@@ -47,8 +50,9 @@ fn interpolated(rows: &[Row], (tool, format): (&dyn Fn(&str) -> bool, &str), byt
     let of = || rows.iter().filter(|row| tool(&row.tool) && row.format == format);
     let below = of().filter(|row| row.bytes <= bytes).max_by(|a, b| a.bytes.total_cmp(&b.bytes))?;
     let Some(above) = of().filter(|row| row.bytes >= bytes).min_by(|a, b| a.bytes.total_cmp(&b.bytes)) else {
-        // What fits is the best there is.
-        return Some(below.psnr);
+        // What fits is the best there is, unless larger files were not measured.
+        let whole = rows.iter().map(|row| row.gaussians).max();
+        return (below.tool == OURS || Some(below.gaussians) == whole).then_some(below.psnr);
     };
     let span = (above.bytes / below.bytes).ln();
     let share = if span > 0.0 { (bytes / below.bytes).ln() / span } else { 0.0 };
@@ -56,11 +60,16 @@ fn interpolated(rows: &[Row], (tool, format): (&dyn Fn(&str) -> bool, &str), byt
 }
 
 fn drawing(name: &str, rows: &[Row]) -> Drawing {
-    let mut names: Vec<String> = rows.iter().map(|row| format!("{}, {}", row.tool, row.format)).collect();
+    // The other tool's version would make the legend too wide.
+    let label = |row: &Row| {
+        let tool = if row.tool == OURS { "" } else { row.tool.split(' ').next().unwrap_or_default() };
+        format!("{tool} {}", row.format.to_uppercase()).trim().to_owned()
+    };
+    let mut names: Vec<String> = rows.iter().map(label).collect();
     names.sort();
     names.dedup();
     let points = |line: &String| {
-        let own = rows.iter().filter(|row| format!("{}, {}", row.tool, row.format) == *line);
+        let own = rows.iter().filter(|row| label(row) == *line);
         let mut points: Vec<[f64; 2]> = own.map(|row| [row.bytes / 1e6, row.psnr]).collect();
         points.sort_by(|a, b| a[0].total_cmp(&b[0]));
         points
@@ -73,10 +82,16 @@ fn read(path: &Path) -> Result<Vec<Row>, String> {
     let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
     let row = |line: &str| {
         let cells: Vec<&str> = line.split(',').collect();
-        let [tool, format, _, bytes, _, psnr, ..] = cells[..] else { return None };
+        let [tool, format, _, bytes, gaussians, psnr, ..] = cells[..] else { return None };
         // Equal pictures have no PSNR, and no place in a plot.
-        Some(Row { tool: tool.into(), format: format.into(), bytes: bytes.parse().ok()?, psnr: psnr.parse().ok()? })
+        Some(Row {
+            tool: tool.into(),
+            format: format.into(),
+            bytes: bytes.parse().ok()?,
+            gaussians: gaussians.parse().ok()?,
+            psnr: psnr.parse().ok()?,
+        })
     };
-    let rows: Vec<Row> = text.lines().skip(1).filter_map(row).collect();
+    let rows: Vec<Row> = text.lines().skip(1).filter_map(row).filter(|row| row.psnr < EQUAL).collect();
     if rows.is_empty() { Err(format!("{}: no files", path.display())) } else { Ok(rows) }
 }

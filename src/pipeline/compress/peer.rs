@@ -37,7 +37,9 @@ impl Peer {
         let command: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
         let (program, options) = command.split_first()?;
         let said = Command::new(program).args(options).arg("--version").output().ok()?;
-        let version = String::from_utf8_lossy(&said.stdout).split_whitespace().find_map(version)?;
+        // It says its version where others say their errors.
+        let said = [said.stdout, said.stderr].concat();
+        let version = String::from_utf8_lossy(&said).split_whitespace().find_map(version)?;
         Some(Self { command, version, folder: folder.to_owned() })
     }
 
@@ -126,4 +128,23 @@ impl Peer {
 fn version(word: &str) -> Option<String> {
     let number = word.strip_prefix('v').unwrap_or(word);
     (number.contains('.') && number.starts_with(|c: char| c.is_ascii_digit())).then(|| number.to_owned())
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tool_is_found_wherever_it_says_its_version() {
+        let folder = tempfile::tempdir().unwrap();
+        let script = folder.path().join("tool");
+        let command = format!("sh {} -g cpu", script.display());
+        for end in ["", " >&2"] {
+            std::fs::write(&script, format!("echo 'splat-transform v3.7.0 (0f60b17)'{end}\n")).unwrap();
+            let found = Peer::find(&command, folder.path()).map(|peer| peer.name());
+            assert_eq!(found.as_deref(), Some("splat-transform 3.7.0"), "{end}");
+        }
+        std::fs::write(&script, "exit 0\n").unwrap();
+        assert!(Peer::find(&command, folder.path()).is_none());
+    }
 }
