@@ -340,6 +340,7 @@ mod tests {
         std::fs::remove_file(run.join("config.toml")).unwrap();
         std::fs::write(run.join("transforms.json"), "{}").unwrap();
         says(gaussians::Error::Unsupported { path: run, what: String::new() }, &["it is a scene", "qirf-vk run"]);
+        std::fs::remove_dir_all(folder.path().join("run")).unwrap();
         says(no_scene(folder.path()), &["the folder that holds one"]);
     }
 

@@ -202,9 +202,13 @@ impl<'a> Neighbours<'a> {
         Self { model, tree: RTree::bulk_load(all.collect()) }
     }
 
-    /// How far a Gaussian is from others: distance of its third neighbour by the standard deviation of its longest axis; 0 without one.
+    /// How far a Gaussian is from others: distance of its third neighbour by the standard deviation of its longest axis; 0 without
+    /// one, or at no place.
     fn distance(&self, i: usize) -> f64 {
         const THIRD: usize = 2;
+        if !self.model.means[i].iter().all(|x| x.is_finite()) {
+            return 0.0; // such a distance has no order either
+        }
         let longest = self.model.log_scales[i].iter().fold(f32::NEG_INFINITY, |a, s| a.max(*s));
         let near = self.tree.nearest_neighbor_iter_with_distance_2(self.model.means[i]);
         let third = near.filter(|(other, _)| other.data != i).nth(THIRD);
@@ -283,5 +287,17 @@ mod tests {
         let found = evidence.floaters(&model);
         assert!((0..56).all(|i| found[i] == (i == 50).then_some(Reason::Alone)), "{found:?}");
         assert_eq!(Evidence::new(56, false).floaters(&model).iter().flatten().count(), 0, "no picture, no evidence");
+    }
+    /// What has no place has no neighbours: it stays, for `edit` and `compress` to name.
+    #[test]
+    fn means_that_are_no_numbers_are_no_floaters() {
+        let bad = [[f32::NAN; 3], [f32::INFINITY, 0.0, 0.0], [0.0, f32::NEG_INFINITY, 0.0]];
+        let model = model([bad[0], bad[1], bad[2], [0.0; 3], [0.0; 3], [0.0; 3]]);
+        let mut evidence = Evidence::new(56, true);
+        for view in 0..2 {
+            evidence.add(&model, &camera(0.1 * f64::from(view)), &[score(2.0, 1.0, 0.9); 56]);
+        }
+        let found = evidence.floaters(&model);
+        assert!(found[50..53].iter().all(|reason| *reason != Some(Reason::Alone)), "{found:?}");
     }
 }

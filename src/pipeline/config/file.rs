@@ -7,10 +7,12 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Keys of the file and names of its tables.
-const KEYS: [&str; 21] = [
+const KEYS: [&str; 25] = [
     "scene",
     "images",
     "resolution",
+    "pole_mask",
+    "depth",
     "seed",
     "eval_every",
     "sh_degree",
@@ -21,6 +23,8 @@ const KEYS: [&str; 21] = [
     "depth_order",
     "dilation",
     "exposure",
+    "poses",
+    "dropout",
     "max_gaussians",
     "checkpoint_every",
     "clean",
@@ -141,16 +145,32 @@ mod tests {
 
     #[test]
     fn every_key_that_is_written_is_known() {
+        let other = config();
+        // No `..`: the compiler asks for the value of a new field that is written.
         let all = RunConfig {
+            scene: other.scene,
             images: Some("photos".into()),
             resolution: Some("/2".into()),
+            pole_mask: 20.0,
+            depth: Some("maps".into()),
+            seed: other.seed,
+            eval_every: other.eval_every,
+            sh_degree: other.sh_degree,
+            init: other.init,
             init_count: Some(10),
-            clean: true,
-            effects: Preset::Paper.effects(),
-            method: Some(MethodConfig::new("mcmc", &toml::toml! { dead = 0.005 })),
-            tuning: Some(Tuning::new(DeviceClass::Cpu, 8, 1024)),
+            background: other.background,
             style: Style { dilation: Some(0.3), ..Style::default() },
-            ..config()
+            exposure: other.exposure,
+            poses: true,
+            dropout: true,
+            max_gaussians: other.max_gaussians,
+            checkpoint_every: other.checkpoint_every,
+            clean: true,
+            schedule: other.schedule,
+            prune: other.prune,
+            method: Some(MethodConfig::new("mcmc", &toml::toml! { dead = 0.005 })),
+            effects: Preset::Paper.effects(),
+            tuning: Some(Tuning::new(DeviceClass::Cpu, 8, 1024)),
         };
         let text = all.pruned(Preset::Quick.pruning()).written().unwrap();
         assert_eq!(check_keys(&text), Ok(()));

@@ -122,10 +122,10 @@ fn the_whole_field_is_shown_once() {
         for (photo, view) in photos.iter().zip(&scene.views) {
             for (ray, pixel, share) in rays(photo) {
                 let at = lens.pixel(ray);
-                // Near the rim, a pixel of the face has a part that is beyond.
+                // Near the rim, a pixel of the face has a part that is beyond, and a cubic overshoots.
                 let [width, height] = lens.size.map(f64::from);
                 let border = at.min(DVec2::new(width, height) - at).min_element();
-                let inner = border > 1.0 && ray.angle_between(DVec3::Z) < lens.black - 0.03;
+                let inner = border > 2.0 && ray.angle_between(DVec3::Z) < lens.black - 0.06;
                 let off = colour(ray).iter().zip(pixel).map(|(a, b)| (a - f64::from(b)).abs()).fold(0.0, f64::max);
                 assert!(!inner || off < 3.0, "{name} {}: {pixel:?} is not {:?} at {at}", view.name, colour(ray));
                 assert!(border > -0.5, "{name} {}: {at} lies outside", view.name);
