@@ -73,6 +73,12 @@ impl Place {
     fn of(root: &Path, poses: Poses) -> Self {
         Self { root: root.to_owned(), outer: root.to_owned(), poses, note: None }
     }
+
+    /// True if COLMAP writes this model's undistorted photos to `dense`: sparse/1 belongs to dense/1.
+    fn is_undistorted_in(&self, dense: &Path) -> bool {
+        let Poses::Colmap(model) = &self.poses else { return false };
+        model.file_name() == dense.file_name() || model.ends_with("sparse")
+    }
 }
 
 /// The path of a folder within another.
@@ -97,8 +103,12 @@ fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
     if let Some(place) = colmap(folder, &folder.join("sparse")) {
         // Where only undistorted photos are left, the cameras are those beside them.
         let elsewhere = photo_folder(folder, options.images.as_deref()).is_none();
-        let undistorted = if elsewhere { within(&folder.join("dense")).pop() } else { None };
-        return Some(match undistorted {
+        let undistorted = || {
+            let dense = folder.join("dense");
+            here(&dense, &OpenOptions::default())
+                .or_else(|| within(&dense).into_iter().find(|dense| place.is_undistorted_in(&dense.root)))
+        };
+        return Some(match if elsewhere { undistorted() } else { None } {
             Some(dense) => {
                 let note =
                     format!("the undistorted photos of {} and their cameras are used", name_in(folder, &dense.root));

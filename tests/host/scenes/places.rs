@@ -105,15 +105,22 @@ fn angles_in_degrees_and_other_files_are_named() {
 #[test]
 fn a_capture_is_found_in_the_one_folder_that_holds_it() {
     let colmap = |root: &Path| write(root, row(&["a.png", "b.png"]).text());
-    let layouts: [(&str, &str, Make<'_>); 7] = [
+    let layouts: [(&str, &str, Make<'_>); 8] = [
         ("unpacked", "no poses in", &|root| {
             colmap(&root.join("scan/sparse/0"));
             photos(&root.join("scan/images"));
         }),
         ("a workspace of COLMAP without the first photos", "the undistorted photos of dense/0", &|root| {
             colmap(&root.join("sparse/0"));
-            colmap(&root.join("dense/0/sparse"));
-            photos(&root.join("dense/0/images"));
+            for dense in ["dense/0", "dense/1"] {
+                colmap(&root.join(dense).join("sparse"));
+                photos(&root.join(dense).join("images"));
+            }
+        }),
+        ("the same, undistorted by hand", "the undistorted photos of dense", &|root| {
+            colmap(&root.join("sparse/0"));
+            colmap(&root.join("dense/sparse"));
+            photos(&root.join("dense/images"));
         }),
         ("an undistorted workspace", "no poses in", &|root| {
             colmap(&root.join("dense/sparse"));
