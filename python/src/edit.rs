@@ -14,20 +14,20 @@ impl Model {
             let mut model = Gaussians::clone(&self.inner);
             edit.apply(&mut model).map(|_| model)
         });
-        Ok(self.like(edited.map_err(|e| raised(engine::pipeline::Error::from(e)))?))
+        Ok(self.like(checked(edited)?))
     }
 
     fn transformed(&self, py: Python<'_>, map: Result<Similarity, engine::edit::Error>) -> PyResult<Self> {
-        let map = map.map_err(|e| raised(engine::pipeline::Error::from(e)))?;
-        self.edited(py, Edit::Transform(map))
+        self.edited(py, Edit::Transform(checked(map)?))
+    }
+
+    fn cropped(&self, py: Python<'_>, region: Result<Region, engine::edit::Error>, outside: bool) -> PyResult<Self> {
+        self.edited(py, Edit::Crop { region: checked(region)?, outside })
     }
 }
 
-impl Model {
-    fn cropped(&self, py: Python<'_>, region: Result<Region, engine::edit::Error>, outside: bool) -> PyResult<Self> {
-        let region = region.map_err(|e| raised(engine::pipeline::Error::from(e)))?;
-        self.edited(py, Edit::Crop { region, outside })
-    }
+fn checked<T>(made: Result<T, engine::edit::Error>) -> PyResult<T> {
+    made.map_err(|e| raised(engine::pipeline::Error::from(e)))
 }
 
 #[pymethods]
@@ -139,9 +139,7 @@ pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     let merged = py.detach(|| {
         let mut all = Gaussians::default();
         for model in &models {
-            let mut moved = Gaussians::clone(&model.inner);
-            moved.shift(DVec3::from(model.origin) - DVec3::from(first.origin));
-            all.append(&moved);
+            all.append(&model.counted_from(first.origin));
         }
         all
     });

@@ -5,8 +5,6 @@ use crate::device::{Device, or_usual};
 use crate::errors::{number, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
-use engine::gaussians::Gaussians;
-use engine::glam::DVec3;
 use engine::metrics::Networks;
 use engine::pipeline::eval::{self, Evaluation};
 use engine::pipeline::{Error, RunConfig, Session};
@@ -52,8 +50,7 @@ pub fn evaluate<'py>(
         (None, Some(original)) => {
             let background = background.unwrap_or([0.0; 3]);
             let held_out = py.detach(|| {
-                let mut moved = Gaussians::clone(&model.inner);
-                moved.shift(DVec3::from(model.origin) - DVec3::from(original.origin));
+                let moved = model.counted_from(original.origin);
                 eval::against(&session, [(&moved, style), (&original.inner, Style::of(original.mode))], background)
             });
             let held_out = follower.result(held_out)?;

@@ -4,6 +4,7 @@ use crate::arrays::{borrowed, floats, rows, tuple};
 use crate::errors::{raised, wrong};
 use engine::gaussians::formats::{self, Loaded, RenderMode};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
+use engine::glam::DVec3;
 use engine::pipeline::Error;
 use engine::pipeline::place::place;
 use numpy::ndarray::{ArrayView, Dimension, IntoDimension};
@@ -33,6 +34,13 @@ impl Model {
             place(&mut model, &mut origin, (scene, None))?;
         }
         Ok((model, origin))
+    }
+
+    /// A copy of the Gaussians whose means count from another place in the world.
+    pub(crate) fn counted_from(&self, origin: [f64; 3]) -> Gaussians {
+        let mut model = Gaussians::clone(&self.inner);
+        model.shift(DVec3::from(self.origin) - DVec3::from(origin));
+        model
     }
 
     /// A read-only array over numbers of a model.

@@ -1,6 +1,6 @@
 //! Floaters: Gaussians that hang where nothing is, told by what photos show of them.
 
-use crate::gaussians::Gaussians;
+use crate::gaussians::{Gaussians, opacity};
 use crate::response::Score;
 use crate::scene::camera::Camera;
 use glam::DVec3;
@@ -24,12 +24,13 @@ const ALONE: f64 = 2.5;
 const SOLID: f64 = 1.4;
 /// Without photos, any is alone from this one on, times its opacity.
 const LONELY: f64 = 10.0;
-/// What the photos lose without a Gaussian that they do not need, at most, by the median change.
+/// Largest loss of the photos by the removal of a Gaussian that they do not need, in median changes.
 const FREE: f64 = 0.2;
 /// A Gaussian is near a camera if its depth is below this share of the photo's median depth.
 const NEAR: f32 = 0.25;
 /// A Gaussian shows near one camera only if that photo has this share of all that photos show of it.
 const ONE: f32 = 0.9;
+
 /// Evidence about a Gaussian from photos, or from pictures of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sight {
@@ -59,6 +60,11 @@ impl Sight {
     /// How much farther the photos are from the pictures without it: a sum of squares, negative if they come nearer.
     fn cost(&self) -> f64 {
         f64::from(self.change) - 2.0 * f64::from(self.along)
+    }
+
+    /// How much nearer they come, times the square of its distance to others.
+    fn blame(&self, distance: f64) -> f64 {
+        -self.cost() * distance.powi(2)
     }
 }
 
@@ -130,8 +136,7 @@ impl Evidence {
     pub fn disagreeing(&self, model: &Gaussians, round: usize) -> Vec<bool> {
         let least = ROUNDS[round] * self.typical_change();
         let neighbours = Neighbours::new(model, &self.sights);
-        let judge =
-            |(i, sight): (usize, &Sight)| sight.disagrees() && -sight.cost() * neighbours.distance(i).powi(2) > least;
+        let judge = |(i, sight): (usize, &Sight)| sight.disagrees() && sight.blame(neighbours.distance(i)) > least;
         self.sights.par_iter().enumerate().map(judge).collect()
     }
 
@@ -151,13 +156,13 @@ impl Evidence {
             return vec![None; model.len()];
         }
         let typical = self.typical_change();
-        let disagreeing = self.disagreeing(model, ROUNDS.len() - 1);
+        let least = ROUNDS[ROUNDS.len() - 1] * typical;
         let neighbours = Neighbours::new(model, &self.sights);
         let judge = |(i, sight): (usize, &Sight)| {
-            if disagreeing[i] {
+            let distance = neighbours.distance(i);
+            if sight.disagrees() && sight.blame(distance) > least {
                 return Some(Reason::Disagrees);
             }
-            let distance = neighbours.distance(i);
             let solid = distance * opacity(model.opacity_logits[i]);
             let needless = sight.cost() <= FREE * typical;
             if (needless && distance >= ALONE && solid >= SOLID) || (!self.compared && solid >= LONELY) {
@@ -168,10 +173,6 @@ impl Evidence {
         };
         self.sights.par_iter().enumerate().map(judge).collect()
     }
-}
-
-fn opacity(logit: f32) -> f64 {
-    1.0 / (1.0 + f64::from(-logit).exp())
 }
 
 /// The value with half of the weight on either side, of (value, weight).
@@ -288,7 +289,8 @@ mod tests {
         assert!((0..56).all(|i| found[i] == (i == 50).then_some(Reason::Alone)), "{found:?}");
         assert_eq!(Evidence::new(56, false).floaters(&model).iter().flatten().count(), 0, "no picture, no evidence");
     }
-    /// What has no place has no neighbours: it stays, for `edit` and `compress` to name.
+
+    /// A Gaussian whose mean is no number has no neighbours, and stays.
     #[test]
     fn means_that_are_no_numbers_are_no_floaters() {
         let bad = [[f32::NAN; 3], [f32::INFINITY, 0.0, 0.0], [0.0, f32::NEG_INFINITY, 0.0]];

@@ -18,6 +18,11 @@ pub use error::Error;
 /// Highest spherical-harmonics degree that the engine supports.
 pub const MAX_SH_DEGREE: usize = 3;
 
+/// The opacity, 0 to 1, of a logit as stored.
+pub fn opacity(logit: f32) -> f64 {
+    1.0 / (1.0 + (-f64::from(logit)).exp())
+}
+
 /// A 3DGS model as stored: one array per attribute, all of the same length `n`.
 ///
 /// Stored values are those that the optimiser changes: scales are logarithms, opacities are logits, quaternions are (w,

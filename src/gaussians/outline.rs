@@ -1,6 +1,6 @@
 //! Centre and extent of a model, regardless of outliers.
 
-use super::Gaussians;
+use super::{Gaussians, opacity};
 use crate::scene::orbit::Outline;
 use glam::DVec3;
 
@@ -15,7 +15,7 @@ pub fn outline(model: &Gaussians, up: DVec3) -> Outline {
     let samples: Vec<(DVec3, f64)> = (0..model.len())
         .step_by(stride)
         .map(|i| {
-            let weight = 1.0 / (1.0 + (-f64::from(model.opacity_logits[i])).exp());
+            let weight = opacity(model.opacity_logits[i]);
             (DVec3::from_array(model.means[i].map(f64::from)), weight + 1e-9)
         })
         .collect();

@@ -19,7 +19,7 @@ pub(super) struct Pace {
 /// Seconds, measured.
 #[derive(Default)]
 struct Known {
-    /// What the next dispatch of a kernel is expected to take, and its longest one.
+    /// By kernel: expected seconds of its next dispatch, and seconds of its longest one.
     kernels: FxHashMap<&'static str, (f64, f64)>,
     longest_submission: f64,
 }

@@ -51,7 +51,7 @@ pub enum Error {
         images: PathBuf,
         /// Number of photos in that folder.
         photos: usize,
-        /// What else lies there that may hold poses; may be empty.
+        /// The files there that may hold poses in another format, as a part of the sentence; may be empty.
         beside: String,
     },
     /// The path holds no scene.
@@ -64,7 +64,7 @@ pub enum Error {
         root: PathBuf,
         /// The places searched.
         looked_for: &'static str,
-        /// What lies there that may hold poses; may be empty.
+        /// The files there that may hold poses in another format, as a part of the sentence; may be empty.
         beside: String,
     },
     /// The folder holds several scenes.

@@ -5,6 +5,7 @@
 
 use super::rates::Pressure;
 use super::selection;
+use crate::gaussians::opacity;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -70,10 +71,6 @@ pub struct AttritionState {
     pub pressure: f32,
     /// Iterations done at its end, if it is over.
     pub ended: Option<u32>,
-}
-
-fn opacity(logit: f32) -> f64 {
-    1.0 / (1.0 + (-f64::from(logit)).exp())
 }
 
 /// The `count`-th greatest opacity; 0 if there are fewer. NaN counts as 0.

@@ -1,7 +1,7 @@
 //! Contents of a model: counts, bounds, and the distributions of opacity and size.
 
-use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
+use crate::gaussians::{Gaussians, opacity};
 use crate::pipeline::Error;
 use crate::pipeline::effects;
 use serde_json::{Map, Value, json};
@@ -14,7 +14,7 @@ const SHARES: [(f64, &str); 7] =
 /// The model as one document.
 pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
     let model = &loaded.gaussians;
-    let opacities = model.opacity_logits.iter().map(|l| 1.0 / (1.0 + (-f64::from(*l)).exp())).collect();
+    let opacities = model.opacity_logits.iter().map(|l| opacity(*l)).collect();
     let scales = model.log_scales.iter().flatten().map(|s| f64::from(*s).exp()).collect();
     let anisotropy = model
         .log_scales

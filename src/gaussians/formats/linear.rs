@@ -20,7 +20,7 @@ pub(super) fn log_scale(scale: f32) -> f32 {
 
 /// An opacity, 0 to 1, of its logit.
 pub(super) fn opacity(logit: f32) -> f32 {
-    (1.0 / (1.0 + (-f64::from(logit)).exp())) as f32
+    crate::gaussians::opacity(logit) as f32
 }
 
 /// The logit of an opacity; infinite at 0 and 1, and beyond them.

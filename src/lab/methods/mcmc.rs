@@ -2,6 +2,7 @@
 //! removed, a dead Gaussian moves to a live one and shares its place, so that the picture changes little. The fair
 //! alternative to pruning a larger model.
 
+use crate::gaussians::opacity;
 use crate::gpu::Recording;
 use crate::kernels::constants::mcmc::{NOISE, REGULARISE};
 use crate::kernels::lab::{Mcmc as Kernel, McmcPush as Push, McmcSpec as Spec};
@@ -73,7 +74,6 @@ impl Mcmc {
     /// Moves dead Gaussians to live ones, and adds others until there are `count`. Probabilities are proportional to
     /// opacities, which are given as logits. Without live Gaussians nothing moves.
     pub fn choose(&self, logits: &[f32], count: usize, key: [u32; 2]) -> Moves {
-        let opacity = |l: f32| 1.0 / (1.0 + (-f64::from(l)).exp());
         let live = |l: f32| !l.is_nan() && opacity(l) > self.dead;
         let mut sources: Vec<u32> = (0..logits.len() as u32).collect();
         let mut copies: Vec<usize> = logits.iter().map(|l| usize::from(live(*l))).collect();
@@ -196,7 +196,7 @@ impl Method for Mcmc {
         let planned = schedule.growth.map_or(0, |plan| plan.planned(schedule, key[1])).min(*most);
         let Moves { sources, copies } = self.choose(&logits, planned, *key);
         for (i, copies) in copies.iter().enumerate().filter(|(_, copies)| **copies > 1) {
-            let was = 1.0 / (1.0 + (-f64::from(logits[i])).exp());
+            let was = opacity(logits[i]);
             let (each, factor) = shared(was.min(1.0 - 1e-6), (*copies).min(MOST_COPIES));
             let each = each.max(self.dead);
             logits[i] = (each / (1.0 - each)).ln() as f32;

@@ -1,5 +1,6 @@
 //! The score of the detail safeguard, which favours small, visible, opaque Gaussians with large gradients.
 
+use crate::gaussians::opacity;
 use rayon::prelude::*;
 
 /// Exponents of d = g^gamma v^nu s^-rho alpha^delta.
@@ -48,7 +49,7 @@ pub fn scores(inputs: &Inputs<'_>, exponents: Exponents) -> Vec<f64> {
         let mut axes = inputs.log_scales[i].map(f64::from);
         axes.sort_unstable_by(f64::total_cmp);
         let ln_s = 0.5 * (axes[1] + axes[2]);
-        let opacity = 1.0 / (1.0 + f64::from(-inputs.opacity_logits[i]).exp());
+        let opacity = opacity(inputs.opacity_logits[i]);
         let d = share(inputs.gradient[i], most_gradient).powf(exponents.gamma)
             * share(inputs.visibility[i], most_visible).powf(exponents.nu)
             * (-exponents.rho * ln_s).exp()

@@ -2,7 +2,7 @@
 
 use super::{BATCH_BYTES, Merging, Study, self_overlaps};
 use crate::gaussians::resident::Resident;
-use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
+use crate::gaussians::{Gaussians, MAX_SH_DEGREE, opacity};
 use crate::gpu::{self, Device, Timings};
 use crate::qirf::assemble::{Assembly, Options, symmetric};
 use crate::qirf::overlap::Metric;
@@ -89,7 +89,7 @@ fn functions(model: &Gaussians, members: &[u32], own: &[f64]) -> Functions {
             sh.extend(band[i as usize * w..(i as usize + 1) * w].iter().map(|x| f64::from(*x)));
         }
     }
-    let alpha = |i: &u32| 1.0 / (1.0 + (-f64::from(model.opacity_logits[*i as usize])).exp());
+    let alpha = |i: &u32| opacity(model.opacity_logits[*i as usize]);
     Functions {
         alpha: members.iter().map(alpha).collect(),
         sh,

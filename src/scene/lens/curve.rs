@@ -1,5 +1,7 @@
 //! Curves: at which radius a lens shows a ray, before its polynomials.
 
+use std::f64::consts::PI;
+
 /// The radius at which a lens shows a ray, by the ray's distance from the optical axis and its depth along it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Curve {
@@ -58,24 +60,19 @@ impl Curve {
         let squared = shown * shown;
         let ray = match self.proper() {
             Self::Straight => (shown, 1.0),
-            Self::Angle => (shown.sin(), shown.cos()),
-            Self::Fov(omega) => ((shown * omega).sin() / (2.0 * (0.5 * omega).tan()), (shown * omega).cos()),
+            Self::Angle if shown < PI => (shown.sin(), shown.cos()),
+            Self::Fov(omega) if (shown * omega).abs() < PI => {
+                ((shown * omega).sin() / (2.0 * (0.5 * omega).tan()), (shown * omega).cos())
+            }
             // Beyond the radius at which the model folds there is none.
             Self::Division(k) if k * squared < 1.0 => (shown, 1.0 + k * squared),
-            Self::Division(_) => return None,
             Self::Unified(alpha, beta) => {
+                // NaN beyond the last radius.
                 let inside = 1.0 - (2.0 * alpha - 1.0) * beta * squared;
-                if inside < 0.0 {
-                    return None;
-                }
                 (shown, (1.0 - alpha * alpha * beta * squared) / (alpha * inside.sqrt() + 1.0 - alpha))
             }
+            Self::Angle | Self::Fov(_) | Self::Division(_) => return None,
         };
-        let half_turn = match self.proper() {
-            Self::Angle => shown,
-            Self::Fov(omega) => (shown * omega).abs(),
-            _ => 0.0,
-        };
-        (ray.0.is_finite() && ray.1.is_finite() && half_turn < std::f64::consts::PI).then_some(ray)
+        (ray.0.is_finite() && ray.1.is_finite()).then_some(ray)
     }
 }

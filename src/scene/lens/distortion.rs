@@ -10,7 +10,7 @@ pub(super) const LEAST: f64 = 1e-9;
 /// The coefficients that bend rays; zero where a model lacks them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
-    /// What shows a ray at a radius, before the polynomials.
+    /// The curve of radii by ray, before the polynomials.
     pub curve: Curve,
     /// Radial k1..k6, of r^2, r^4 and so on to r^12.
     pub radial: [f64; 6],

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::tree::is_result;
 use super::{colmap, foreign, photo_folder, photo_names};
 use crate::scene::{Error, OpenOptions};
 
@@ -26,7 +27,7 @@ pub(super) struct Place {
     pub outer: PathBuf,
     /// Its poses.
     pub poses: Poses,
-    /// What the user should know of the choice.
+    /// A note on the choice for the user, if there was one.
     pub note: Option<String>,
 }
 
@@ -130,8 +131,6 @@ fn within(folder: &Path) -> Vec<Place> {
     let mut folders: Vec<PathBuf> =
         entries.filter(|e| !e.file_name().to_string_lossy().starts_with('.')).map(|e| e.path()).collect();
     folders.sort();
-    let result =
-        |path: &Path| ["pose.json", "config.toml", "metrics.json"].iter().any(|file| path.join(file).is_file());
-    let scenes = folders.into_iter().filter(|path| path.is_dir() && !result(path));
+    let scenes = folders.into_iter().filter(|path| path.is_dir() && !is_result(path));
     scenes.filter_map(|path| here(&path, &OpenOptions::default())).collect()
 }

@@ -24,21 +24,19 @@ const MAPS: [&str; 11] = [
     "normal_maps",
     "segmentation",
 ];
-/// Files and folders that make their folder a scene with poses, or a result.
-const MARKS: [&str; 8] = [
-    "sparse",
-    "cameras.bin",
-    "cameras.txt",
-    "transforms.json",
-    "transforms_train.json",
-    "pose.json",
-    "config.toml",
-    "metrics.json",
-];
+/// Files and folders that make their folder a scene with poses.
+const SCENES: [&str; 5] = ["sparse", "cameras.bin", "cameras.txt", "transforms.json", "transforms_train.json"];
+/// Files that make their folder a result of this program.
+const RESULTS: [&str; 3] = ["pose.json", "config.toml", "metrics.json"];
 
 /// True if these files and folders make their folder a scene with poses, or a result.
 pub(super) fn is_scene(entries: &[fs::DirEntry]) -> bool {
-    entries.iter().any(|e| MARKS.iter().any(|mark| e.file_name() == *mark))
+    entries.iter().any(|e| SCENES.iter().chain(&RESULTS).any(|mark| e.file_name() == *mark))
+}
+
+/// True if a folder is a result of this program.
+pub(super) fn is_result(folder: &Path) -> bool {
+    RESULTS.iter().any(|mark| folder.join(mark).is_file())
 }
 
 /// Photos in a folder and its subfolders.

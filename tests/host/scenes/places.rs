@@ -105,39 +105,25 @@ fn angles_in_degrees_and_other_files_are_named() {
 #[test]
 fn a_capture_is_found_in_the_one_folder_that_holds_it() {
     let colmap = |root: &Path| write(root, row(&["a.png", "b.png"]).text());
+    let capture = |root: &Path, model: &str, images: &str| {
+        colmap(&root.join(model));
+        photos(&root.join(images));
+    };
     let layouts: [(&str, &str, Make<'_>); 8] = [
-        ("unpacked", "no poses in", &|root| {
-            colmap(&root.join("scan/sparse/0"));
-            photos(&root.join("scan/images"));
-        }),
+        ("unpacked", "no poses in", &|root| capture(root, "scan/sparse/0", "scan/images")),
         ("a workspace of COLMAP without the first photos", "the undistorted photos of dense/0", &|root| {
             colmap(&root.join("sparse/0"));
-            for dense in ["dense/0", "dense/1"] {
-                colmap(&root.join(dense).join("sparse"));
-                photos(&root.join(dense).join("images"));
-            }
+            capture(root, "dense/0/sparse", "dense/0/images");
+            capture(root, "dense/1/sparse", "dense/1/images");
         }),
         ("the same, undistorted by hand", "the undistorted photos of dense", &|root| {
             colmap(&root.join("sparse/0"));
-            colmap(&root.join("dense/sparse"));
-            photos(&root.join("dense/images"));
+            capture(root, "dense/sparse", "dense/images");
         }),
-        ("an undistorted workspace", "no poses in", &|root| {
-            colmap(&root.join("dense/sparse"));
-            photos(&root.join("dense/images"));
-        }),
-        ("several undistorted folders' first", "no poses in", &|root| {
-            colmap(&root.join("dense/0/sparse"));
-            photos(&root.join("dense/0/images"));
-        }),
-        ("a conversion that ended early", "", &|root| {
-            colmap(&root.join("distorted/sparse/0"));
-            photos(&root.join("input"));
-        }),
-        ("hloc", "no poses in", &|root| {
-            colmap(&root.join("sfm"));
-            photos(&root.join("images"));
-        }),
+        ("an undistorted workspace", "no poses in", &|root| capture(root, "dense/sparse", "dense/images")),
+        ("one of several undistorted ones", "no poses in", &|root| capture(root, "dense/0/sparse", "dense/0/images")),
+        ("a conversion that ended early", "", &|root| capture(root, "distorted/sparse/0", "input")),
+        ("hloc", "no poses in", &|root| capture(root, "sfm", "images")),
         ("ScanNet++", "no poses in", &|root| {
             write(root, [("nerfstudio/transforms.json", transforms(TOP, &["a.png", "b.png"]))]);
             photos(&root.join("resized_images"));

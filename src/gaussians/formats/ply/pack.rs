@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::super::bytes::{SH_C0, to_smallest_three};
 use super::super::{Gaussians, RenderMode};
 use super::compressed::{CHUNK, LIMITS, PACKED, SH_RANGE};
+use crate::gaussians::opacity;
 
 /// Log-scales beyond this, of infinite or vanishing size, would spoil the others of their chunk.
 const SCALE_LIMIT: f32 = 20.0;
@@ -107,7 +108,7 @@ fn pack(model: &Gaussians, chunk: &[usize]) -> (Range, Vec<u8>) {
             if span > 0.0 { (f64::from(values[k]) - f64::from(range.low[k])) / span } else { 0.0 }
         };
         let wide = |k: usize| units(share(k), 11) << 21 | units(share(k + 1), 10) << 11 | units(share(k + 2), 11);
-        let opacity = 1.0 / (1.0 + (-f64::from(model.opacity_logits[i])).exp());
+        let opacity = opacity(model.opacity_logits[i]);
         let colour = (6..9).map(share).chain([opacity]).fold(0, |word, share| word << 8 | units(share, 8));
         for word in [wide(0), rotation(model.rotations[i]), wide(3), colour] {
             words.extend(word.to_le_bytes());

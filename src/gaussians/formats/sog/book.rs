@@ -27,7 +27,7 @@ impl Book {
                 // Ten decimals drop the noise of the product, not the value: steps have three digits.
                 let value = |entry: f64| (entry * step * 1e10).round() / 1e10;
                 let mut values: Vec<f64> = (0..=(last - first) as usize).map(|k| value(first + k as f64)).collect();
-                // What no value needs is a short number, so that small files are not mostly books.
+                // Entries that no value needs are short numbers, so that small files are not mostly codebooks.
                 values.resize(ENTRIES, value(last).ceil());
                 return Self { values };
             }

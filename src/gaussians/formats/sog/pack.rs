@@ -17,6 +17,7 @@ use super::means::Means;
 use super::turn::least_turn;
 use super::webp::Texture;
 use super::{ENTRIES_A_ROW, GREATEST, palette};
+use crate::gaussians::opacity;
 
 /// Labels have 16 bits.
 const MOST_ENTRIES: usize = 1 << 16;
@@ -73,7 +74,7 @@ pub(super) fn files(
         by_gaussian("sh0.webp", &|k| {
             let i = order[k] as usize;
             let [r, g, b] = [0, 1, 2].map(|c| colours.byte(model.sh[0][3 * i + c]));
-            let opacity = 1.0 / (1.0 + f64::from(-model.opacity_logits[i]).exp());
+            let opacity = opacity(model.opacity_logits[i]);
             [r, g, b, level(opacity, precision.opacity_levels)]
         }),
     ];
