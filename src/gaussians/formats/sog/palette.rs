@@ -12,6 +12,8 @@ const ROUNDS: usize = 2;
 const NEAREST: usize = 3;
 /// Least share of a cell that a half gets.
 const LEAST_HALF: usize = 16;
+/// Least number of vectors whose halves are measured by two threads: waking one takes longer than measuring a few.
+const LEAST_SHARED: usize = 4096;
 
 /// Entries, and the entry of each vector.
 pub(super) struct Palette {
@@ -97,7 +99,12 @@ impl Cloud<'_> {
             let mut second = Cell { start: middle, end: cells[k].end, group, halves: (0, 0.0) };
             cells[k].end = middle;
             let number = cells.len();
-            let errors = rayon::join(|| self.measure(&order, &mut cells[k]), || self.measure(&order, &mut second));
+            let first = &mut cells[k];
+            let errors = if second.end - first.start < LEAST_SHARED {
+                (self.measure(&order, first), self.measure(&order, &mut second))
+            } else {
+                rayon::join(|| self.measure(&order, first), || self.measure(&order, &mut second))
+            };
             queue.extend(errors.0.map(|error| (error, std::cmp::Reverse(k))));
             queue.extend(errors.1.map(|error| (error, std::cmp::Reverse(number))));
             cells.push(second);
