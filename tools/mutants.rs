@@ -47,6 +47,7 @@ const TESTS: &[(&str, &[&str])] = &[
     ("train/adam", &["train::adam::"]),
     ("train/adam_all", &["train::adam::", "order::surplus"]),
     ("train/exposure", &["exposure::the_kernel"]),
+    ("train/depth_loss", &["depth_loss::"]),
     ("train/dropout", &["dropout::"]),
     ("train/poses", &["poses::the_kernel"]),
     ("train/halve", &["halve::the_device"]),

@@ -5,7 +5,7 @@ use super::iteration::{options, scene, train};
 use super::{device, facts, group};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::render::Style;
-use qirf_vk::scene::{AlphaRole, Photo};
+use qirf_vk::scene::{AlphaRole, DepthMap, Photo};
 use qirf_vk::train::{Exposures, Options, Trainer};
 use std::time::Duration;
 
@@ -23,6 +23,7 @@ fn arms() -> Vec<(&'static str, Options, AlphaRole)> {
         ("exposure", Options { exposure: Some(Exposures::Learnt(Vec::new())), ..options(0) }, opaque),
         ("poses", Options { poses: true, ..options(0) }, opaque),
         ("dropout", Options { dropout: true, ..options(0) }, opaque),
+        ("depth loss", Options { depth_loss: true, ..options(0) }, opaque),
         ("antialias", Options { settings: style(true, false), ..options(0) }, opaque),
         ("transparency", options(0), AlphaRole::Alpha),
         ("masks", options(0), AlphaRole::Mask),
@@ -33,7 +34,8 @@ fn arms() -> Vec<(&'static str, Options, AlphaRole)> {
 /// A trainer after compilation and warm-up.
 fn trainer(options: Options, alpha_role: AlphaRole) -> Trainer {
     let (model, _, photo) = scene(options.degree);
-    let photo = Photo { alpha_role, ..photo };
+    let map = DepthMap { width: 1, height: 1, depths: vec![4.0].into(), unit: 1.0 };
+    let photo = Photo { alpha_role, depth: Some(map), ..photo };
     let mut trainer = Trainer::new(device(), &model, vec![photo], 1.0, options).unwrap();
     train(&mut trainer, 16);
     trainer

@@ -25,6 +25,9 @@ layout(constant_id = 5) const bool STATISTICS = false;
 layout(constant_id = 6) const bool ABSOLUTE = false;
 // Slots from which a subgroup jointly adds up a Gaussian's, and invocations share the stores of rows; 0 if each works alone.
 layout(constant_id = 7) const uint MANY = 0;
+// True if the colours are depths, in red alone: red's gradient is that of the mean's depth, and what the picture before this one
+// has left in the rows stays in the sum.
+layout(constant_id = 8) const bool DEPTHS = false;
 
 layout(binding = 0, std430) readonly buffer Views { View view[]; };
 layout(binding = 1, std430) readonly buffer Count { uint count[]; };
@@ -43,7 +46,7 @@ layout(binding = 13, std430) readonly buffer Logits { float logits[]; };
 layout(binding = 14, std430) readonly buffer Sh1 { float sh1[]; };
 layout(binding = 15, std430) readonly buffer Sh2 { float sh2[]; };
 layout(binding = 16, std430) readonly buffer Sh3 { float sh3[]; };
-layout(binding = 17, std430) writeonly buffer Rows { float rows[]; }; // lib/gradient_row.glsl
+layout(binding = 17, std430) buffer Rows { float rows[]; }; // lib/gradient_row.glsl
 layout(binding = 18, std430) buffer Growth { vec2 growth[]; }; // sum of |dL/dmean2D| in NDC units, number of views that showed it
 layout(binding = 19, std430) buffer Guards { uint guards[]; }; // 0: rows skipped, 1: iterations done
 layout(push_constant) uniform Push { uint pair_limit; };
@@ -220,6 +223,7 @@ Gradient backward(uint i, vec3 mean, Projection p, vec3 k, Sums s) {
     vec2 free = vec2(lessThanEqual(abs(slope), v.tangent_limit));
     vec2 by_slope = v.focal * (g.mean2d - free * vec2(k.x * along_x, k.y * along_x + k.z * along_y) / z);
     float by_z = -(dot(slope, by_slope) + g.log_scale.x + g.log_scale.y + g.log_scale.z) / z;
+    if (DEPTHS) by_z += s.position.w;
     g.mean = vec3(by_slope / z, by_z) * world_to_camera(v);
     g.logit = s.position.x / (1 + exp(logits[i]));
 
@@ -263,7 +267,7 @@ void main() {
     uint i = global_index();
     // If pairs did not fit, no iteration counts, from this one until the host has made room.
     if (pairs[1] > pair_limit) return;
-    if (i == 0) guards[1] += 1;
+    if (i == 0 && !DEPTHS) guards[1] += 1;
     bool there = i < count[0];
     uint slots = there ? tile_counts[i] : 0;
     vec3 mean, k = vec3(0);
@@ -291,5 +295,8 @@ void main() {
     [[unroll]] for (uint c = 0; c < 4; c++) own[ROW_ROTATION + c] = g.rotation[c];
     own[ROW_LOGIT] = g.logit;
     own[ROW_GOOD] = good ? 1 : 0;
+    if (DEPTHS && there) {
+        [[unroll]] for (uint c = 0; c < ROW; c++) own[c] = rows[ROW * i + c] + (good && c < ROW_COLOUR ? own[c] : 0);
+    }
     store(i, there, own);
 }

@@ -35,6 +35,9 @@ pub(super) struct Arguments {
     /// Largest number of points in the capture
     #[arg(long, value_name = "N", default_value_t = SynthOptions::default().points, value_parser = values::whole::<usize>)]
     points: usize,
+    /// Also write depth/*.npy: what lies at the middle of each pixel, along the camera's axis, or along the ray of a panorama's
+    #[arg(long)]
+    depth: bool,
     /// Effects that the scene calls for, separated by commas; --help lists them [default: none]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     effects: Vec<String>,
@@ -78,6 +81,7 @@ impl Arguments {
             height,
             seed: self.seed,
             points: self.points,
+            depth: self.depth,
             effects: effects.collect::<Result<_, synth::Error>>()?,
         };
         let begun = Instant::now();

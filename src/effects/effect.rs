@@ -14,6 +14,8 @@ pub enum Effect {
     Poses,
     /// Each picture trained on leaves out Gaussians by chance.
     Dropout,
+    /// Pictures are compared with the photos' depth maps, too.
+    Depth,
     /// Gaussians smaller than a pixel keep their energy.
     Antialias,
     /// Photos are undistorted.
@@ -43,11 +45,12 @@ pub enum Trigger {
 
 impl Effect {
     /// All effects, in the order in which they are reported.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::ViewDependence,
         Self::Exposure,
         Self::Poses,
         Self::Dropout,
+        Self::Depth,
         Self::Antialias,
         Self::Distortion,
         Self::Transparency,
@@ -68,6 +71,7 @@ impl Effect {
             Self::Exposure => "exposure",
             Self::Poses => "poses",
             Self::Dropout => "dropout",
+            Self::Depth => "depth",
             Self::Antialias => "antialias",
             Self::Distortion => "distortion",
             Self::Transparency => "transparency",
@@ -81,7 +85,7 @@ impl Effect {
     pub const fn trigger(self) -> Trigger {
         match self {
             Self::ViewDependence | Self::Exposure | Self::Poses | Self::Dropout | Self::Antialias => Trigger::Measure,
-            Self::Distortion | Self::Transparency | Self::Masks => Trigger::Photos,
+            Self::Depth | Self::Distortion | Self::Transparency | Self::Masks => Trigger::Photos,
             Self::DepthOrder => Trigger::Request,
             Self::Cameras => Trigger::Always,
         }
@@ -93,6 +97,7 @@ impl Effect {
             Self::Exposure => Some("exposure"),
             Self::Poses => Some("poses"),
             Self::Dropout => Some("dropout"),
+            Self::Depth => Some("depth loss"),
             Self::Masks => Some("masks"),
             // The 2D filter is two operations of the projection; the scope is that of 3D smoothing.
             Self::Antialias => Some("antialias"),

@@ -3,7 +3,7 @@
 use super::decision::{Decision, is_near};
 use super::effect::Effect;
 use super::quantile::quantile;
-use super::training_set::TrainingSet;
+use super::training_set::{DepthEvidence, DepthWitness, TrainingSet};
 use crate::scene::lens::VISIBLE_DISPLACEMENT;
 use crate::scene::{ALPHA_SHARE, AlphaRole, SceneKind, View};
 use crate::wording::counted;
@@ -14,6 +14,8 @@ use std::collections::{BTreeSet, HashSet};
 pub const FOOTPRINTS: f64 = 1.5;
 /// Median error of points, in pixels of the pictures trained on, above which cameras are corrected.
 pub const MISPLACED: f64 = 1.0;
+/// Median deviation of points from depth maps, as a share of their depth, up to which the maps are trained on.
+pub const DEPTHS_AGREE: f64 = 0.05;
 /// Number of points whose footprints are compared.
 const POINTS: usize = 4000;
 /// Number of views that must see a point.
@@ -34,6 +36,33 @@ pub fn dropout(set: &TrainingSet<'_>) -> Decision {
         measured: Some(measured),
         threshold: Some(threshold),
         ..Decision::plain(Effect::Dropout, photos <= FEW_PHOTOS, evidence)
+    }
+}
+
+/// Depth: how far maps of it are from the points.
+pub fn depth(set: &TrainingSet<'_>) -> Decision {
+    let DepthEvidence { maps, by, deviation } = set.depths;
+    let counted = counted(maps, "depth map");
+    let (on, evidence) = match (maps, deviation) {
+        (0, _) => (false, "no photo has a depth map".to_owned()),
+        (_, None) => (false, format!("{counted}, but too little in common to tell whether they are right")),
+        (_, Some(share)) => (
+            share <= DEPTHS_AGREE,
+            format!(
+                "{counted}, from which {} deviate by {:.2} % of the depth (median)",
+                match by {
+                    DepthWitness::Points => "the capture's points",
+                    DepthWitness::Maps => "others of them",
+                },
+                100.0 * share
+            ),
+        ),
+    };
+    Decision {
+        near_threshold: deviation.is_some_and(|share| is_near(share, DEPTHS_AGREE)),
+        measured: deviation,
+        threshold: Some(DEPTHS_AGREE),
+        ..Decision::plain(Effect::Depth, on, evidence)
     }
 }
 

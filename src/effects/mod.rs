@@ -7,6 +7,7 @@
 //! | `exposure` | photos differ in brightness by more than 2 % | [`colour`] | `train/exposure`: 12 parameters per photo, its scope "exposure" |
 //! | `poses` | points miss their places in the photos by more than a pixel | [`geometry`] | `train/poses`: 6 parameters per photo, its scope "poses" |
 //! | `dropout` | there are few photos to train on | [`geometry`] | `train/dropout`: its scope "dropout" |
+//! | `depth` | depth maps of photos agree with the capture's points | [`geometry`] | `train/depth_loss`: a second picture in some iterations, its scope "depth loss" |
 //! | `antialias` | a point's pixel footprints differ by more than 1.5 | [`geometry`] | ANTIALIAS of `render/project` and its backward; `train/smoothing`: its cameras, its scope "antialias" |
 //! | `distortion` | a lens moves a pixel by more than 0.5 | [`geometry`] | photos are resampled once as they are loaded |
 //! | `transparency` | photos have transparent pixels | [`geometry`] | ALPHA of `train/loss`, the white background |
@@ -37,7 +38,7 @@ mod training_set;
 pub use decision::{Decision, is_on};
 pub use effect::{Effect, Trigger};
 pub use overrides::{Choice, Overrides};
-pub use training_set::{THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
+pub use training_set::{DepthEvidence, DepthWitness, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 
 use colour::Gains;
 
@@ -53,6 +54,7 @@ pub fn decide(set: &TrainingSet<'_>, overrides: &Overrides, most: usize) -> (Vec
         Effect::Exposure => colour::exposure(set, &tracks, &gains),
         Effect::Poses => geometry::poses(set),
         Effect::Dropout => geometry::dropout(set),
+        Effect::Depth => geometry::depth(set),
         Effect::Antialias => geometry::antialias(set),
         Effect::Distortion => geometry::distortion(set),
         Effect::Transparency => geometry::transparency(set),

@@ -18,6 +18,8 @@ pub struct TrainingSet<'a> {
     pub train: &'a [usize],
     /// Their photos, in the same order.
     pub photos: &'a [Thumbnail],
+    /// The depth maps among them.
+    pub depths: DepthEvidence,
     /// Size of the pictures trained on as a share of the photos' on disk.
     pub scale: f64,
 }
@@ -28,6 +30,27 @@ impl<'a> TrainingSet<'a> {
         let views = &self.scene.views;
         self.train.iter().map(|i| &views[*i])
     }
+}
+
+/// What is known of the depth maps of a scene's photos.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DepthEvidence {
+    /// Photos with a map that can be used.
+    pub maps: usize,
+    /// The source of `deviation`.
+    pub by: DepthWitness,
+    /// Median deviation from the maps, as a share of the depth, after their scales were found; none if too little lies in them.
+    pub deviation: Option<f64>,
+}
+
+/// What depth maps are compared with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DepthWitness {
+    /// The scene's points.
+    #[default]
+    Points,
+    /// Each other.
+    Maps,
 }
 
 /// A photo reduced in size: undistorted, with the camera of that size.

@@ -61,6 +61,7 @@ impl<'a> ActiveRun<'a> {
             exposure: config.exposure.then(|| setup.exposures.clone()),
             poses: config.poses,
             dropout: config.dropout,
+            depth_loss: config.depth_loss,
             weights: Weights::default(),
             averaged: averaged(config),
             method: method.clone(),

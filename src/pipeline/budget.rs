@@ -67,6 +67,7 @@ pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start
             pairs,
             size,
             photos,
+            depths: if config.effects.allow(Effect::Depth) { opened.depth_bytes() } else { 0 },
             degree,
             exposure,
             poses: config.effects.allow(Effect::Poses),
@@ -107,7 +108,8 @@ pub fn for_block(device: &Device, config: &RunConfig, prepared: &Prepared, snaps
     let size = camera::largest(prepared.train.iter().map(|photo| &photo.camera));
     let photos = prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect();
     let degree = config.sh_degree.max(snapshot.model.degree());
-    let needed = Fixed { config, size, photos, masked: prepared.scene.has_masks(), degree, grows }
+    let depths = depth_bytes(config, prepared);
+    let needed = Fixed { config, size, photos, masked: prepared.scene.has_masks(), degree, grows, depths }
         .bytes(device, gaussians, tail);
     check(device, "the block", gaussians + tail, size, needed, Relief::MoreBlocks)
 }
@@ -123,7 +125,15 @@ pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial:
     let whole = planned.min(config.max_gaussians).max(initial);
     let photos = prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect();
     let masked = prepared.scene.has_masks();
-    let fixed = Fixed { config, size, photos, masked, degree: config.sh_degree, grows: true };
+    let fixed = Fixed {
+        config,
+        size,
+        photos,
+        masked,
+        degree: config.sh_degree,
+        grows: true,
+        depths: depth_bytes(config, prepared),
+    };
     let needed = |blocks: usize| {
         let gaussians = (whole as f64 / blocks as f64 * if blocks > 1 { GROWN } else { 1.0 }).ceil() as usize;
         let tail = (2 * gaussians).min(whole.saturating_sub(gaussians));
@@ -138,6 +148,12 @@ pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial:
     }
 }
 
+/// Bytes of the depth maps that are trained on.
+fn depth_bytes(config: &RunConfig, prepared: &Prepared) -> u64 {
+    let maps = prepared.train.iter().filter_map(|photo| photo.depth.as_ref());
+    if config.depth_loss { maps.map(|map| 4 * map.depths.len() as u64).sum() } else { 0 }
+}
+
 /// Inputs to a block's memory needs, besides its numbers of Gaussians.
 struct Fixed<'a> {
     config: &'a RunConfig,
@@ -146,6 +162,8 @@ struct Fixed<'a> {
     masked: bool,
     degree: usize,
     grows: bool,
+    /// Bytes of the depth maps that are trained on.
+    depths: u64,
 }
 
 impl Fixed<'_> {
@@ -158,6 +176,7 @@ impl Fixed<'_> {
             pairs: pair_capacity::estimate(device, gaussians + tail),
             size,
             photos: self.photos.clone(),
+            depths: self.depths,
             degree,
             exposure: config.exposure,
             poses: config.poses,
@@ -290,6 +309,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         pairs: pair_capacity::device_max(device, trained),
         size,
         photos,
+        depths: 0,
         degree,
         exposure: false,
         poses: false,

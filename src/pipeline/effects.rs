@@ -1,6 +1,7 @@
 //! Effects that a scene calls for, decided on a run's training photos, and their consequences for the run.
 
 use super::config::RunConfig;
+use super::depth_maps;
 use super::prepare::Prepared;
 use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
@@ -25,7 +26,7 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
     let scale = sizes.map_or(1.0, |(photo, view)| {
         f64::from(photo.camera.width) / f64::from(prepared.scene.views[*view].camera.width.max(1))
     });
-    let set = TrainingSet { scene: &prepared.scene, train: &train, photos: &photos, scale };
+    let set = TrainingSet { scene: &prepared.scene, train: &train, photos: &photos, depths: prepared.depths, scale };
     let (decisions, gains) = effects::decide(&set, &config.effects, config.sh_degree);
     Ok((decisions, gains.believed()))
 }
@@ -49,7 +50,8 @@ pub fn of_scene(scene: &Scene) -> Result<Vec<Decision>, Error> {
             photos.push(Thumbnail::of(&photo).map_err(train::Error::Photos)?);
         }
     }
-    let set = TrainingSet { scene: &scene, train: &train, photos: &photos, scale: 1.0 };
+    let depths = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH)).evidence;
+    let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0 };
     Ok(effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0)
 }
 
@@ -81,6 +83,7 @@ impl RunConfig {
             exposure: effects::is_on(decisions, Effect::Exposure),
             poses: effects::is_on(decisions, Effect::Poses),
             dropout: effects::is_on(decisions, Effect::Dropout),
+            depth_loss: effects::is_on(decisions, Effect::Depth),
             ..self.clone()
         }
     }

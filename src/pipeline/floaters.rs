@@ -120,6 +120,7 @@ fn of_photos(
         exposure: None,
         poses: false,
         dropout: false,
+        depth_loss: false,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
         averaged: 0..0,
         method: None,

@@ -1,9 +1,9 @@
 //! From a scene on disk to views in memory.
 
 use super::config::Selection;
-use super::depth_maps;
+use super::depth_maps::{self, DepthMaps};
 use super::watcher::Watcher;
-use crate::effects::Effect;
+use crate::effects::{DepthEvidence, Effect};
 use crate::pipeline::Error;
 use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
@@ -23,6 +23,8 @@ pub struct Prepared {
     pub extent: f64,
     /// Background colour.
     pub background: [f32; 3],
+    /// What is known of the depth maps of the photos trained on.
+    pub depths: DepthEvidence,
 }
 
 impl Prepared {
@@ -60,6 +62,9 @@ impl Prepared {
             self.extent /= unit;
             for photo in self.train.iter_mut().chain(self.test.iter_mut().map(|(_, photo)| photo)) {
                 photo.camera.translation /= unit;
+                if let Some(map) = &mut photo.depth {
+                    map.unit /= unit;
+                }
             }
         }
         self
@@ -116,6 +121,8 @@ pub struct Opened {
     selection: Selection,
     /// Names of photos that must be there.
     required: Vec<String>,
+    /// Depth maps, and the number of points without those in them.
+    depths: (DepthMaps, usize),
 }
 
 /// Opens a scene.
@@ -138,7 +145,8 @@ pub fn open(selection: &Selection) -> Result<Opened, Error> {
     };
     let mut scene = Scene::open(&selection.scene, &options)?;
     scene.require_photos()?;
-    Ok(Opened { scene, resize, selection: selection.clone(), required: Vec::new() })
+    let depths = (DepthMaps::default(), scene.points.len());
+    Ok(Opened { scene, resize, selection: selection.clone(), required: Vec::new(), depths })
 }
 
 impl Opened {
@@ -148,16 +156,22 @@ impl Opened {
         self.scene.views.iter().map(|v| v.camera_at(self.resize)).fold([1, 1], larger)
     }
 
-    /// The same scene with points from the depth maps of photos to train on.
+    /// The same scene with the depth maps of photos to train on, and points from them.
     #[must_use]
-    pub fn with_depth_points(mut self, watcher: &dyn Watcher) -> Self {
+    pub fn with_depths(mut self, watcher: &dyn Watcher) -> Self {
         let train = self.scene.split(self.selection.eval_every).train;
-        let (points, notes) = depth_maps::points(&self.scene, &train, self.resize);
-        self.scene.points.extend(points);
-        for note in notes {
-            watcher.note(&note);
+        let mut maps = depth_maps::of_views(&self.scene, &train, self.resize);
+        self.scene.points.append(&mut maps.points);
+        for note in &maps.notes {
+            watcher.note(note);
         }
+        self.depths.0 = maps;
         self
+    }
+
+    /// Bytes of the depth maps.
+    pub fn depth_bytes(&self) -> u64 {
+        self.depths.0.bytes()
     }
 
     /// The same scene with the views of these names alone, all of them to train on. None of them may be lost, also on loading.
@@ -206,11 +220,15 @@ impl Opened {
     /// # Errors
     /// No photo can be decoded; [`Error::LostPhoto`] for one of [`Opened::only`]; a temporary file that cannot be written.
     pub fn load(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
-        let Self { mut scene, resize, selection, required } = self;
+        let Self { mut scene, resize, selection, required, depths: (maps, points) } = self;
         let [alpha, masks] = [Effect::Transparency, Effect::Masks].map(|effect| selection.effects.allow(effect));
         let options = LoadOptions { resize, alpha, masks, memory };
         let total = scene.views.len();
-        let photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
+        let mut photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
+        depth_maps::colour(&mut scene, points, &photos);
+        for (photo, view) in photos.iter_mut().zip(&scene.views) {
+            photo.depth = maps.of(&view.name).cloned();
+        }
         for line in scene.skipped.summary() {
             watcher.note(&line);
         }
@@ -228,6 +246,6 @@ impl Opened {
             AlphaRole::Opaque | AlphaRole::Mask => [0.0; 3],
         };
         let background = selection.background.unwrap_or(usual);
-        Ok(Prepared { scene, train, test, extent, background })
+        Ok(Prepared { scene, train, test, extent, background, depths: maps.evidence })
     }
 }

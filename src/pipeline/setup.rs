@@ -50,7 +50,7 @@ impl<'a> Setup<'a> {
         let begun = Instant::now();
         let Session { device, watcher, .. } = *session;
         let checkpoint = if resume { checkpoint(output, watcher)? } else { None };
-        let opened = open(&config.selection())?.with_depth_points(watcher);
+        let opened = open(&config.selection())?.with_depths(watcher);
         refuse_photo_folders(&opened.scene, [output.model(), output.renders().join("picture.png")].iter())?;
         let fresh = || {
             let pixels = opened.train_pixels().into_iter().max().unwrap_or(0);

@@ -5,6 +5,7 @@
 pub mod adam;
 pub mod bin;
 pub mod densify;
+pub mod depth_loss;
 pub mod dropout;
 pub mod exposure;
 pub mod frame;

@@ -9,6 +9,7 @@ use crate::primitives::Pairs;
 
 /// Options of a backward pass.
 #[derive(Clone, Copy)]
+#[expect(clippy::struct_excessive_bools, reason = "switches of a pass, each on its own")]
 pub struct Backward<'a> {
     /// True if the image gradient's fourth component is each pixel's residual instead of a gradient by alpha. The slots
     /// then also hold the contributions weighted by it, see [`super::TrainingRenderer::slots`]; the renderer needs room for them
@@ -24,11 +25,14 @@ pub struct Backward<'a> {
     pub growth: Option<&'a Buffer<[f32; 2]>>,
     /// True if gradients count there by their size in each tile, so that tiles do not cancel.
     pub absolute: bool,
+    /// True if the picture's reds are the Gaussians' depths along the camera's axis, and all else in its colours is 0: red's
+    /// gradient reaches the mean, and the rows are added to those of the pass before.
+    pub depths: bool,
 }
 
 impl Default for Backward<'_> {
     fn default() -> Self {
-        Self { residual: false, atomics: None, through_direction: true, growth: None, absolute: false }
+        Self { residual: false, atomics: None, through_direction: true, growth: None, absolute: false, depths: false }
     }
 }
 
@@ -54,7 +58,6 @@ impl Counters {
     /// Words of all buffers of [`super::TrainingRenderer::counters`].
     pub const WORDS: usize = 4;
 
-    /// The counters from those words.
     /// The counters from those words.
     ///
     /// # Panics

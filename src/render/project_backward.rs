@@ -47,6 +47,7 @@ pub(super) fn record(
             statistics: options.growth.is_some(),
             absolute: options.absolute,
             many: launch.tuning.bin_many,
+            depths: options.depths,
         },
     };
     recording.dispatch(&kernel, model.count.groups(WORKGROUP));

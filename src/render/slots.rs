@@ -24,6 +24,8 @@ pub struct Slots<'a> {
     pub starts: &'a Buffer<u32>,
     /// Slots by tile, nearest first.
     pub sorted: &'a Buffer<u32>,
+    /// By Gaussian: the bits of its depth along the camera's axis.
+    pub depth: &'a Buffer<u32>,
     /// By Gaussian: see `lib/splat.glsl`.
     pub geometry: &'a Buffer<[f32; 4]>,
     /// By Gaussian: see `lib/splat.glsl`.
@@ -121,6 +123,7 @@ impl<'a> Slots<'a> {
             owners: &frame.pairs.owners,
             starts: &frame.starts,
             sorted: &bin::sorted(frame, tiles).values,
+            depth: &frame.depth,
             geometry: &frame.geometry,
             shape: &frame.shape,
             colour: &frame.colour,

@@ -52,11 +52,18 @@ impl Camera {
         (self.rotation * point + self.translation).z
     }
 
-    /// True if a point lies before the camera and within the image.
-    pub fn shows(&self, point: DVec3) -> bool {
+    /// The column and the row of the pixel that shows a point; none if it lies behind the camera or outside of the image.
+    pub fn pixel_of(&self, point: DVec3) -> Option<[u32; 2]> {
         let p = self.rotation * point + self.translation;
         let at = p.truncate() / p.z * self.focal + self.principal;
-        p.z > 0.0 && at.min_element() >= 0.0 && at.x < f64::from(self.width) && at.y < f64::from(self.height)
+        let shown =
+            p.z > 0.0 && at.min_element() >= 0.0 && at.x < f64::from(self.width) && at.y < f64::from(self.height);
+        shown.then_some([at.x as u32, at.y as u32])
+    }
+
+    /// True if a point lies before the camera and within the image.
+    pub fn shows(&self, point: DVec3) -> bool {
+        self.pixel_of(point).is_some()
     }
 
     /// Number of the image's pixels.

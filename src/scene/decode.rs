@@ -106,7 +106,7 @@ pub(super) fn load(
                 let (transparent, no_mask) = (decoded.transparent, masked && matches!(decoded.mask, Mask::Damaged));
                 let (alpha_role, pixels) = decoded.settle(options.alpha, masked);
                 let camera = cameras[at].clone();
-                (Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role }), transparent, no_mask)
+                (Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None }), transparent, no_mask)
             }
             Err(damaged) => (Err(damaged), 0.0, false),
         })

@@ -2,11 +2,15 @@
 //! fisheyes do. They are faces of a cube around the camera, which share its place; of a fisheye the parts that it sees.
 
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::path::Path;
 
 use glam::{DMat3, DVec2, DVec3};
 
+use super::error::Error;
+use super::image_size::image_size;
 use super::lens::ideal::WIDEST;
 use super::lens::{Curve, Lens, LensModel};
+use super::view::View;
 
 /// Points along a side of a face at which it is asked what the lens sees.
 const LOOKS: u32 = 64;
@@ -14,7 +18,7 @@ const LOOKS: u32 = 64;
 const LEAST: f64 = 0.05;
 
 /// Names of the faces, in the order of names, with the axes right, down and forward of each in those of the photo.
-const CUBE: [(&str, [DVec3; 3]); 6] = [
+pub const CUBE: [(&str, [DVec3; 3]); 6] = [
     ("back", [DVec3::NEG_X, DVec3::Y, DVec3::NEG_Z]),
     ("down", [DVec3::X, DVec3::NEG_Z, DVec3::Y]),
     ("front", [DVec3::X, DVec3::Y, DVec3::Z]),
@@ -57,7 +61,7 @@ pub(super) fn of(lens: &Lens) -> Vec<Cut> {
     let per_radian = if lens.model == LensModel::Equirectangular { 1.0 } else { middle } * lens.focal.x;
     let side = (FRAC_PI_2 * per_radian + 1e-6).round().clamp(1.0, f64::from(lens.width.max(lens.height)));
     let face = |(name, axes): (_, [DVec3; 3])| {
-        let turn = DMat3::from_cols(axes[0], axes[1], axes[2]).transpose();
+        let turn = turn(axes);
         let ray = |at: DVec2| (2.0 * at / side - 1.0).extend(1.0);
         let (mut low, mut high, mut seen) = (DVec2::INFINITY, DVec2::NEG_INFINITY, 0);
         for n in 0..LOOKS * LOOKS {
@@ -76,6 +80,27 @@ pub(super) fn of(lens: &Lens) -> Vec<Cut> {
         enough.then_some(Cut { name, turn, size, focal: 0.5 * side, principal, reach, masked: !whole })
     };
     CUBE.into_iter().filter_map(face).collect()
+}
+
+/// The rotation from the axes of a photo to a face's.
+pub fn turn(axes: [DVec3; 3]) -> DMat3 {
+    DMat3::from_cols(axes[0], axes[1], axes[2]).transpose()
+}
+
+/// The views of a panorama without a pose, with the names of their faces.
+///
+/// # Errors
+/// [`Error::Photo`] for a file that is no picture twice as wide as high.
+pub fn of_panorama(photo: &Path, mask: Option<&Path>) -> Result<Vec<(&'static str, View)>, Error> {
+    let (width, height) = image_size(photo).map_err(|e| Error::io(photo, e))?;
+    if width != 2 * height {
+        return Err(Error::photo(photo, format!("is {width} x {height}: a panorama is twice as wide as high")));
+    }
+    let lens = Lens::panorama(width.into(), height.into()).map_err(|what| Error::photo(photo, what))?;
+    let name = photo.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut whole = View::new(name, lens, (DMat3::IDENTITY, DVec3::ZERO), None);
+    (whole.image, whole.mask) = (photo.to_owned(), mask.map(Path::to_owned));
+    Ok(of(&lens).iter().map(|cut| (cut.name, whole.cut(cut, 0.0))).collect())
 }
 
 /// The angle in radians from its axis to which a lens is drawn, if it sees more than a pinhole can show: twice the field of an

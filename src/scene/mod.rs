@@ -36,9 +36,9 @@ pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
 pub use overlap::Overlap;
-pub use photo::{AlphaRole, Photo};
+pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
-pub use readers::{PhotoTree, masks_of, photo_folder, photo_names};
+pub use readers::{PhotoTree, masks_of, photo_folder, photo_names, rigs};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 

@@ -1,6 +1,7 @@
 //! A photo for training and evaluation: its camera, its pixels, and the meaning of their fourth byte.
 
 use std::io;
+use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -31,6 +32,19 @@ impl AlphaRole {
     }
 }
 
+/// Depths measured in a photo. A part of a photo has the whole one's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthMap {
+    /// Pixels per row; fewer than the photo has, maybe.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Width x height, from the top: along the axis of the photo's ideal camera; 0 where there is none.
+    pub depths: Arc<[f32]>,
+    /// Its unit in the world's.
+    pub unit: f64,
+}
+
 /// A photo at the working size.
 #[derive(Clone, Debug)]
 pub struct Photo {
@@ -40,12 +54,14 @@ pub struct Photo {
     pub pixels: Pixels,
     /// Meaning of the fourth byte of each pixel.
     pub alpha_role: AlphaRole,
+    /// The depths measured in it, if any were.
+    pub depth: Option<DepthMap>,
 }
 
 impl Photo {
     /// A photo without transparent or masked parts.
     pub fn opaque(camera: Camera, pixels: impl Into<Pixels>) -> Self {
-        Self { camera, pixels: pixels.into(), alpha_role: AlphaRole::Opaque }
+        Self { camera, pixels: pixels.into(), alpha_role: AlphaRole::Opaque, depth: None }
     }
 
     /// The part of `size` pixels from `corner` on, in memory. In training it counts as much as it does within the whole photo: see
@@ -62,7 +78,7 @@ impl Photo {
         let (row, pixels) = (4 * self.camera.width as usize, self.pixels.read()?);
         let rows = pixels.chunks_exact(row.max(1)).skip(y).take(height);
         let part: Vec<u8> = rows.flat_map(|row| &row[4 * x..4 * (x + width)]).copied().collect();
-        Ok(Self { camera, pixels: part.into(), alpha_role: self.alpha_role })
+        Ok(Self { camera, pixels: part.into(), alpha_role: self.alpha_role, depth: self.depth.clone() })
     }
 
     /// Colour of a pixel in [0, 1], over black.
@@ -89,7 +105,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let filed = PhotoFile::new(folder.path()).unwrap().put(0, &bytes).unwrap();
         for pixels in [Pixels::from(bytes.clone()), filed] {
-            let photo = Photo { camera: camera.clone(), pixels, alpha_role: AlphaRole::Mask };
+            let photo = Photo { camera: camera.clone(), pixels, alpha_role: AlphaRole::Mask, depth: None };
             let part = photo.part([2, 1], [4, 3]).unwrap();
             assert_eq!((part.camera.width, part.camera.height, part.alpha_role), (4, 3, AlphaRole::Mask));
             assert_eq!(part.camera.whole(), Whole { size: [7, 5], corner: [2, 1] });

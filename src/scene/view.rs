@@ -64,7 +64,7 @@ pub struct View {
     pub image: PathBuf,
     /// The mask's file, if there is one: black pixels are not trained on.
     pub mask: Option<PathBuf>,
-    /// The depth map's file, if there is one: depths along the camera's axis.
+    /// The depth map's file, if there is one: depths along the photo's axis, or, if the photo is cut into faces, along the rays.
     pub depth: Option<PathBuf>,
     /// Median distance in pixels between where points were found in the photo and where its pose shows them, if that was measured.
     pub misfit: Option<f64>,
@@ -126,7 +126,7 @@ impl View {
         };
         let masked = pole > 0.0 || cut.masked;
         let face = Face { photo: self.name.clone(), turn: cut.turn, pole, reach: cut.reach, masked };
-        Self { name: faces::name(&self.name, cut.name), camera, face: Some(face), depth: None, ..self.clone() }
+        Self { name: faces::name(&self.name, cut.name), camera, face: Some(face), ..self.clone() }
     }
 
     /// The name of its photo, which it may share with others.

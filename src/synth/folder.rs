@@ -12,7 +12,7 @@ const MADE_BY: &str = "qirf-vk synth";
 /// Greatest size of the mark in bytes: the mark of 9,999 photos has 2 MB.
 const MARK_LIMIT: u64 = 16 << 20;
 
-/// Makes the folder, or empties an earlier synth scene of its photos and masks; other files in it are left alone.
+/// Makes the folder, or empties an earlier synth scene of its photos, masks and depth maps; other files in it are left alone.
 pub(super) fn prepare(dir: &Path) -> Result<(), Error> {
     match fs::metadata(dir) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => {}
@@ -21,10 +21,12 @@ pub(super) fn prepare(dir: &Path) -> Result<(), Error> {
         Ok(_) => {
             if fs::read_dir(dir).map_err(Error::io(dir))?.next().is_some() {
                 let views = earlier_views(dir).ok_or_else(|| Error::Foreign(dir.to_path_buf()))?;
-                clear(&dir.join("images"), views)?;
-                clear(&dir.join("masks"), views)?;
+                for (folder, ending) in [("images", ".png"), ("masks", ".png"), ("depth", ".npy")] {
+                    clear(&dir.join(folder), ending, views)?;
+                }
                 // Fails if the folder holds the user's files.
                 let _ = fs::remove_dir(dir.join("masks"));
+                let _ = fs::remove_dir(dir.join("depth"));
             }
         }
     }
@@ -46,7 +48,7 @@ fn earlier_views(dir: &Path) -> Option<u64> {
 }
 
 /// Removes the pictures that an earlier run with this many views wrote.
-fn clear(folder: &Path, views: u64) -> Result<(), Error> {
+fn clear(folder: &Path, ending: &str, views: u64) -> Result<(), Error> {
     let entries = match fs::read_dir(folder) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
         other => other.map_err(Error::io(folder))?,
@@ -54,8 +56,9 @@ fn clear(folder: &Path, views: u64) -> Result<(), Error> {
     for entry in entries {
         let entry = entry.map_err(Error::io(folder))?;
         let name = entry.file_name();
-        let index = name.to_str().and_then(|n| n.strip_prefix("view_")?.strip_suffix(".png")?.parse::<u64>().ok());
-        if index.is_some_and(|i| i < views && super::path::file_name(i as usize).as_str() == name) {
+        let number = |n: &str| n.strip_prefix("view_")?.strip_suffix(ending)?.parse::<u64>().ok();
+        let own = |i: u64| super::path::file_name(i as usize).replace(".png", ending);
+        if name.to_str().and_then(number).is_some_and(|i| i < views && own(i).as_str() == name) {
             fs::remove_file(entry.path()).map_err(Error::io(&entry.path()))?;
         }
     }

@@ -68,9 +68,11 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
     let views = path::views(options, &devices);
     folder::prepare(dir)?;
     folder::mark(dir, options, &views, false)?;
-    let masks = dir.join("masks");
-    if options.has(Effect::Masks) {
-        fs::create_dir_all(&masks).map_err(Error::io(&masks))?;
+    for (folder, wanted) in [("masks", options.has(Effect::Masks)), ("depth", options.depth)] {
+        let folder = dir.join(folder);
+        if wanted {
+            fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
+        }
     }
 
     let place = Place::new(options);
@@ -126,7 +128,18 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
     })
 }
 
-/// Writes a photo, and its mask if it has one, under the same name.
+/// A file of NumPy: its header fills a multiple of 64 bytes.
+fn npy([rows, columns]: [u32; 2], values: &[f32]) -> Vec<u8> {
+    let head = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
+    let len = (10 + head.len() + 1).next_multiple_of(64) - 10;
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((len as u16).to_le_bytes());
+    bytes.extend(format!("{head:<width$}\n", width = len - 1).bytes());
+    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+/// Writes a photo, its mask if it has one, and its depth map if asked for, under the same name.
 fn save(dir: &Path, view: &View, photo: &Picture, options: &SynthOptions) -> Result<(), Error> {
     let picture = |path: &Path, bytes: &[u8], kind| {
         image::save_buffer_with_format(path, bytes, photo.width, photo.height, kind, image::ImageFormat::Png)
@@ -142,6 +155,10 @@ fn save(dir: &Path, view: &View, photo: &Picture, options: &SynthOptions) -> Res
     if !photo.mask.is_empty() {
         let grey: Vec<u8> = photo.mask.iter().map(|&free| if free { 255 } else { 0 }).collect();
         picture(&dir.join("masks").join(&view.name), &grey, image::ExtendedColorType::L8)?;
+    }
+    if !photo.depths.is_empty() {
+        let path = dir.join("depth").join(view.name.replace(".png", ".npy"));
+        fs::write(&path, npy([photo.height, photo.width], &photo.depths)).map_err(Error::io(&path))?;
     }
     Ok(())
 }

@@ -151,13 +151,24 @@ pub struct SynthOptions {
     pub seed: u64,
     /// Greatest number of points in `points3D.txt`, 0..=1,000,000; there are fewer if cameras see too little.
     pub points: usize,
+    /// True to write depth maps, too.
+    pub depth: bool,
     /// Effects that the scene requires; order and repetitions do not matter.
     pub effects: Vec<Effect>,
 }
 
 impl Default for SynthOptions {
     fn default() -> Self {
-        Self { kind: Kind::Plaza, views: 48, width: 240, height: 180, seed: 1, points: 6000, effects: Vec::new() }
+        Self {
+            kind: Kind::Plaza,
+            views: 48,
+            width: 240,
+            height: 180,
+            seed: 1,
+            points: 6000,
+            depth: false,
+            effects: Vec::new(),
+        }
     }
 }
 

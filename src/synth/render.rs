@@ -4,6 +4,7 @@ use glam::{DVec2, Vec3};
 
 use super::{
     Effect, SynthOptions,
+    lens::Lens,
     path::View,
     place::Place,
     random::{Random, Stream},
@@ -23,6 +24,9 @@ pub(super) struct Picture {
     pub pixels: Vec<[u8; 4]>,
     /// True for pixels free of the moving object; empty if nothing moves.
     pub mask: Vec<bool>,
+    /// Depths along the camera's axis, or along rays if the lens shows all directions, at pixels' middles; 0 in the sky. Empty
+    /// unless asked for.
+    pub depths: Vec<f32>,
 }
 
 /// Takes the photo with index `index`.
@@ -75,7 +79,22 @@ pub(super) fn picture(place: &Place, view: &View, options: &SynthOptions, index:
         }
     }
     let mask = if view.mover.is_empty() { Vec::new() } else { grown(&touched, width as usize) };
-    Picture { width, height, pixels, mask }
+    let depths = if options.depth { depths(&world, view) } else { Vec::new() };
+    Picture { width, height, pixels, mask, depths }
+}
+
+/// What lies at the middle of each pixel.
+fn depths(world: &World<'_>, view: &View) -> Vec<f32> {
+    let (camera, origin) = (&view.camera, view.camera.centre().as_vec3());
+    let depth = |n: u32| {
+        let place = DVec2::new(f64::from(n % camera.width), f64::from(n / camera.width)) + 0.5;
+        let local = view.lens.direction((place - camera.principal) / camera.focal).normalize();
+        let direction = (camera.rotation.transpose() * local).as_vec3();
+        let (distance, thing) = world.hit(&super::geometry::Ray { origin, direction });
+        let share = if view.lens == Lens::Panorama { 1.0 } else { local.z as f32 };
+        if thing == Thing::Sky { 0.0 } else { distance * share }
+    };
+    (0..camera.width * camera.height).map(depth).collect()
 }
 
 /// From linear radiance to display values: an exponential shoulder (like film's), then sRGB's curve (IEC 61966-2-1).

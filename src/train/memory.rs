@@ -31,6 +31,8 @@ pub struct TrainerNeeds {
     pub size: [u32; 2],
     /// Bytes of each photo.
     pub photos: Vec<u64>,
+    /// Bytes of the photos' depth maps, if they are trained on.
+    pub depths: u64,
     /// Highest SH degree.
     pub degree: usize,
     /// True if each photo has an exposure of its own.
@@ -69,6 +71,7 @@ impl Trainer {
         let exposures = if needs.exposure { Exposure::bytes(needs.photos.len(), pixels) } else { 0 };
         let poses = if needs.poses { Poses::bytes(needs.photos.len()) } else { 0 };
         let pictures = pictures + exposures + poses + if needs.masked { Mask::bytes(pixels) } else { 0 };
+        let pictures = pictures + needs.depths;
         let pictures = pictures + if needs.halves { Halve::bytes(size) } else { 0 };
         let pictures = pictures + if needs.style.antialias { Smoothing::bytes(needs.photos.len()) } else { 0 };
         let growth = if grows || method.is_some() { density::bytes(device, n, n, degree) } else { 0 };

@@ -4,6 +4,7 @@ pub mod adam;
 pub mod attrition;
 pub mod checkpoint;
 pub mod density;
+pub mod depth_loss;
 pub mod device_photos;
 pub mod dropout;
 mod error;

@@ -53,6 +53,8 @@ pub struct Options {
     pub poses: bool,
     /// True if pictures leave out Gaussians by chance.
     pub dropout: bool,
+    /// True if pictures are compared with the photos' depth maps, too.
+    pub depth_loss: bool,
     /// Weights of the loss.
     pub weights: Weights,
     /// Iterations, after the last density step, whose responses are averaged for [`super::Trainer::averages`]; may be empty.
@@ -77,6 +79,7 @@ impl Default for Options {
             exposure: None,
             poses: false,
             dropout: false,
+            depth_loss: false,
             weights: Weights::default(),
             averaged: 0..0,
             method: None,

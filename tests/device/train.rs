@@ -4,6 +4,7 @@ pub mod adam;
 mod attrition;
 mod crop;
 pub mod density;
+mod depth_loss;
 mod growth;
 mod halve;
 mod learnt_mask;

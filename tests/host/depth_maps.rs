@@ -4,9 +4,12 @@ use std::path::Path;
 
 use crate::support::files::writers::{Model, picture, write};
 use npyz::WriterBuilder;
-use qirf_vk::pipeline::depth_maps::points;
+use qirf_vk::effects::{DepthEvidence, DepthWitness, Effect};
+use qirf_vk::pipeline::depth_maps::{self, DepthMaps};
+use qirf_vk::pipeline::effects::of_scene;
 use qirf_vk::scene::lens::LensModel;
-use qirf_vk::scene::{OpenOptions, Resize, Scene};
+use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
+use qirf_vk::synth::{Kind, SynthOptions, write as write_scene};
 
 const SIZE: [u32; 2] = [64, 48];
 
@@ -37,21 +40,42 @@ fn open(root: &Path) -> Scene {
     Scene::open(root, &OpenOptions { depth: Some("depth".into()), ..OpenOptions::default() }).unwrap()
 }
 
+/// The maps of these views, their points in the colours of the photos.
+fn maps_of(scene: &mut Scene, views: &[usize]) -> DepthMaps {
+    let mut maps = depth_maps::of_views(scene, views, Resize::Full);
+    let own = scene.points.len();
+    scene.points.append(&mut maps.points);
+    let photos = scene.load_photos(&LoadOptions::default(), &|_| ()).unwrap();
+    depth_maps::colour(scene, own, &photos);
+    maps.points = scene.points.split_off(own);
+    maps
+}
+
 #[test]
 fn maps_get_the_scale_of_the_points_and_lie_where_photos_show_them() {
     let folder = tempfile::tempdir().unwrap();
-    let maps = folder.path().join("depth");
-    std::fs::create_dir_all(&maps).unwrap();
+    let folder_of_maps = folder.path().join("depth");
+    std::fs::create_dir_all(&folder_of_maps).unwrap();
     for with_points in [true, false] {
         wall(folder.path(), with_points, 0.0);
         // Of other scales: half, and thousandths of a quarter.
-        npy(&maps.join("a.npy"), |_, _| 2.0);
+        npy(&folder_of_maps.join("a.npy"), |_, _| 2.0);
         let steps = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(32, 24, image::Luma([1000]));
-        steps.save(maps.join("b.png")).unwrap();
-        let scene = open(folder.path());
+        steps.save(folder_of_maps.join("b.png")).unwrap();
+        let mut scene = open(folder.path());
         assert_eq!((scene.skipped.missing_depths.count, &scene.skipped.missing_depths.examples[0][..]), (1, "c.jpg"));
-        let (found, notes) = points(&scene, &[0, 1, 2], Resize::Full);
-        println!("{} points, {notes:?}", found.len());
+        let maps = maps_of(&mut scene, &[0, 1, 2]);
+        let (found, notes) = (&maps.points, &maps.notes);
+        println!("{} points, {notes:?}, {:?}", found.len(), maps.evidence);
+        // Without points they are compared with each other: in world units they differ by as much as one has.
+        let by = if with_points { DepthWitness::Points } else { DepthWitness::Maps };
+        let expected = DepthEvidence { maps: 2, by, deviation: Some(if with_points { 0.0 } else { 1.0 }) };
+        assert_eq!(maps.evidence, expected);
+        // What a view sees is the wall, in the unit that was found.
+        let seen = maps.of("b.jpg").unwrap();
+        let depths: Vec<f64> = seen.depths.iter().map(|d| f64::from(*d) * seen.unit).filter(|d| *d > 0.0).collect();
+        assert!(depths.len() > 2800 && maps.of("c.jpg").is_none());
+        assert!(depths.iter().all(|d| (d - if with_points { 4.0 } else { 1.0 }).abs() < 1e-6));
         assert!(found.len() > 1500);
         let z = |which: std::ops::Range<usize>| found[which].iter().all(|p| (p.position.z - 4.0).abs() < 1e-6);
         assert_eq!(z(0..found.len()), with_points, "without points, numbers are world units");
@@ -68,25 +92,26 @@ fn maps_get_the_scale_of_the_points_and_lie_where_photos_show_them() {
             assert!(fits, "{point:?}");
         }
         // A photo that is held out gives no point.
-        assert!(points(&scene, &[2], Resize::Full).0.is_empty());
+        assert!(depth_maps::of_views(&scene, &[2], Resize::Full).points.is_empty());
     }
 }
 
 #[test]
 fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
     let folder = tempfile::tempdir().unwrap();
-    let maps = folder.path().join("depth");
-    std::fs::create_dir_all(&maps).unwrap();
+    let folder_of_maps = folder.path().join("depth");
+    std::fs::create_dir_all(&folder_of_maps).unwrap();
     wall(folder.path(), true, 0.5);
     // The map lies at one depth, the points do not.
-    npy(&maps.join("a.npy"), |_, _| 4.0);
-    picture(&maps.join("b.png"), SIZE[0], SIZE[1]);
+    npy(&folder_of_maps.join("a.npy"), |_, _| 4.0);
+    picture(&folder_of_maps.join("b.png"), SIZE[0], SIZE[1]);
     std::fs::write(
-        maps.join("c.npy"),
+        folder_of_maps.join("c.npy"),
         b"\x93NUMPY\x01\x00\x76\x00{'descr': '<f4', 'fortran_order': False, 'shape': (48, 64), }\n",
     )
     .unwrap();
-    let (found, notes) = points(&open(folder.path()), &[0, 1, 2], Resize::Full);
+    let DepthMaps { points: found, notes, evidence, .. } = maps_of(&mut open(folder.path()), &[0, 1, 2]);
+    assert_eq!((evidence.maps, evidence.deviation), (0, None));
     assert!(found.is_empty(), "{notes:?}");
     let told = notes.join("; ");
     for part in ["1 depth map at no scale", "b.jpg has neither 16 bits nor floats", "depth map of c.jpg"] {
@@ -94,13 +119,77 @@ fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
     }
 }
 
+/// Depths of panoramas lie along rays, and each face sees its part of them.
+#[test]
+fn faces_of_a_panorama_see_their_part_of_its_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = SynthOptions {
+        kind: Kind::Panorama,
+        views: 3,
+        width: 256,
+        height: 128,
+        points: 300,
+        depth: true,
+        ..SynthOptions::default()
+    };
+    write_scene(folder.path(), &options, &|_| ()).unwrap();
+    let scene = open(folder.path());
+    let maps = depth_maps::of_views(&scene, &(0..18).collect::<Vec<_>>(), Resize::Full);
+    println!("{:?} {:?}", maps.evidence, maps.notes);
+    assert_eq!((maps.evidence.maps, maps.evidence.by), (3, DepthWitness::Points));
+    assert!(maps.evidence.deviation.is_some_and(|share| share < 0.015));
+    let (mut off, mut seen) = (Vec::new(), 0);
+    for point in &scene.points {
+        for view in point.track.iter().map(|v| &scene.views[*v as usize]) {
+            let Some([x, y]) = view.camera.pixel_of(point.position) else { continue };
+            let map = maps.of(&view.name).unwrap();
+            assert_eq!((map.width, map.height), (64, 64));
+            let depth = f64::from(map.depths[(y * 64 + x) as usize]) * map.unit;
+            seen += 1;
+            off.extend((depth > 0.0).then(|| (depth / view.camera.depth(point.position) - 1.0).abs()));
+        }
+    }
+    off.sort_by(f64::total_cmp);
+    assert!(off.len() > 40 && off[off.len() / 2] < 0.01, "{} of {seen}, {}", off.len(), off[off.len() / 2]);
+}
+
+/// A scene calls for the loss whose maps agree with its points.
+#[test]
+fn the_evidence_decides_on_the_loss() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = SynthOptions { views: 9, width: 64, height: 48, points: 300, depth: true, ..SynthOptions::default() };
+    write_scene(folder.path(), &options, &|_| ()).unwrap();
+    let decide_on = |scene: &Scene| {
+        let decisions = of_scene(scene).unwrap();
+        let decision = decisions.into_iter().find(|d| d.name == Effect::Depth).unwrap();
+        println!("{}", decision.evidence);
+        (decision.on, decision.evidence)
+    };
+    let decide = |options: &OpenOptions| decide_on(&Scene::open(folder.path(), options).unwrap());
+    let with = OpenOptions { depth: Some("depth".into()), ..OpenOptions::default() };
+    let (on, evidence) = decide(&with);
+    assert!(on && evidence.starts_with("7 depth maps, from which the capture's points deviate by 0."), "{evidence}");
+    let bare = Scene { points: Vec::new(), ..Scene::open(folder.path(), &with).unwrap() };
+    let (on, evidence) = decide_on(&bare);
+    assert!(on && evidence.starts_with("7 depth maps, from which others of them deviate by "), "{evidence}");
+    assert_eq!(decide(&OpenOptions::default()), (false, "no photo has a depth map".to_owned()));
+    // Nonsense at some scale: near the points in the mean, but nowhere right.
+    for (i, file) in std::fs::read_dir(folder.path().join("depth")).unwrap().enumerate() {
+        let wave = |x: u32, y: u32| 6.0 * (1.0 + 0.12 * ((x / 9 + y / 7 + i as u32) % 5) as f32);
+        let file = file.unwrap().path();
+        npy(&file, wave);
+    }
+    let (on, evidence) = decide(&with);
+    assert!(!on, "{evidence}");
+}
+
 #[test]
 fn an_edge_gives_no_points_and_a_hole_none() {
     let folder = tempfile::tempdir().unwrap();
-    let maps = folder.path().join("depth");
-    std::fs::create_dir_all(&maps).unwrap();
+    let folder_of_maps = folder.path().join("depth");
+    std::fs::create_dir_all(&folder_of_maps).unwrap();
     wall(folder.path(), false, 0.0);
-    npy(&maps.join("a.npy"), |x, y| {
+    npy(&folder_of_maps.join("a.npy"), |x, y| {
         if y < 20 {
             0.0
         } else if x < 32 {
@@ -109,8 +198,8 @@ fn an_edge_gives_no_points_and_a_hole_none() {
             6.0
         }
     });
-    let scene = open(folder.path());
-    let (found, _) = points(&scene, &[0], Resize::Full);
+    let mut scene = open(folder.path());
+    let found = maps_of(&mut scene, &[0]).points;
     assert!(found.len() > 800, "{}", found.len());
     for point in &found {
         let z = point.position.z;

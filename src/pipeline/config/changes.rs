@@ -64,6 +64,7 @@ impl RunConfig {
             exposure: earlier.exposure,
             poses: earlier.poses,
             dropout: earlier.dropout,
+            depth_loss: earlier.depth_loss,
             ..self.clone()
         };
         ours.changes(earlier)

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::path::Path;
 
 /// Keys of the file and names of its tables.
-const KEYS: [&str; 25] = [
+const KEYS: [&str; 26] = [
     "scene",
     "images",
     "resolution",
@@ -25,6 +25,7 @@ const KEYS: [&str; 25] = [
     "exposure",
     "poses",
     "dropout",
+    "depth_loss",
     "max_gaussians",
     "checkpoint_every",
     "clean",
@@ -163,6 +164,7 @@ mod tests {
             exposure: other.exposure,
             poses: true,
             dropout: true,
+            depth_loss: true,
             max_gaussians: other.max_gaussians,
             checkpoint_every: other.checkpoint_every,
             clean: true,

@@ -130,6 +130,9 @@ pub struct RunConfig {
     /// True if pictures leave out Gaussians by chance, likewise.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub dropout: bool,
+    /// True if pictures are compared with the photos' depth maps, likewise.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub depth_loss: bool,
     /// Largest number of Gaussians.
     pub max_gaussians: usize,
     /// Iterations between checkpoints; with 0 only an interruption writes one.
@@ -198,6 +201,7 @@ impl RunConfig {
             exposure: false,
             poses: false,
             dropout: false,
+            depth_loss: false,
             max_gaussians: 4_000_000,
             checkpoint_every: 5000,
             schedule: preset.schedule(None),

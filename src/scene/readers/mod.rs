@@ -16,6 +16,7 @@ mod pose;
 mod transforms;
 mod tree;
 
+pub use colmap::rigs;
 pub use masks::masks_of;
 pub use tree::{PhotoTree, photo_names};
 

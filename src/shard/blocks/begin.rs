@@ -11,7 +11,7 @@ use crate::pipeline::records::PruneRecord;
 use crate::pipeline::session::Session;
 use crate::pipeline::setup::Setup;
 use crate::pipeline::start::Start;
-use crate::pipeline::{Output, budget};
+use crate::pipeline::{Output, Silent, budget};
 use crate::render::visible;
 use crate::scene::Photo;
 use crate::train::checkpoint::Snapshot;
@@ -33,8 +33,10 @@ impl BlockRun {
         let every: Vec<usize> = (0..opened.scene.views.len()).collect();
         let (extent, centre) = (opened.scene.extent(&every), opened.scene.centre(&every));
         let names: Vec<String> = block.crops.iter().map(|crop| self.photos[crop.view].clone()).collect();
-        let mut prepared =
-            opened.only(&names)?.load_to_train(session.photo_memory(output.folder()), session.watcher)?;
+        let mut prepared = opened
+            .only(&names)?
+            .with_depths(&Silent)
+            .load_to_train(session.photo_memory(output.folder()), session.watcher)?;
         let crops = prepared.train.iter().zip(&block.crops).map(|(photo, crop)| photo.part(crop.corner, crop.size));
         prepared.train = crops.collect::<std::io::Result<Vec<Photo>>>().map_err(train::Error::Photos)?;
         prepared.extent = extent;

@@ -84,7 +84,7 @@ impl BlockRun {
         if let Init::Model(path) = &mut config.init {
             *path = absolute(path)?;
         }
-        let opened = open(&config.selection())?;
+        let opened = open(&config.selection())?.with_depths(session.watcher);
         let pixels = opened.train_pixels().iter().sum();
         let initial =
             Start::of(&config, opened.scene.points.len(), opened.train_pixels().into_iter().max().unwrap_or(0))?.len();

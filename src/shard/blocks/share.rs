@@ -104,7 +104,7 @@ mod tests {
     /// The picture that a block with this `share` trains towards, in bytes of red, green, blue and the fourth.
     fn mixed(alpha_role: AlphaRole, share: f32, map: Option<&[f32]>) -> [u8; 4] {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, 4, 1);
-        let mut photo = Photo { camera, pixels: [200, 100, 0, 51].repeat(4).into(), alpha_role };
+        let mut photo = Photo { camera, pixels: [200, 100, 0, 51].repeat(4).into(), alpha_role, depth: None };
         mix(&mut photo, &image([share; 4]), &image([0.4, 0.2, 0.8, 1.0]), map, [1.0, 0.0, 0.0]).unwrap();
         let bytes = photo.pixels.read().unwrap();
         assert!(bytes.chunks_exact(4).all(|pixel| pixel == &bytes[..4]));

@@ -16,6 +16,7 @@ use crate::response::ResidentResponses;
 use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
 use crate::train::density::{self, Step, densify};
+use crate::train::depth_loss::DepthLoss;
 use crate::train::device_photos::{DevicePhotos, UNDER_WAY};
 use crate::train::error::{Error, Result};
 use crate::train::halve::{self, Halve};
@@ -70,6 +71,8 @@ pub struct Trainer {
     half: Option<Halve>,
     /// Keeps Gaussians from becoming too thin; only with anti-aliasing.
     smoothing: Option<Smoothing>,
+    /// The photos' depth maps, if pictures are compared with them.
+    depth_loss: Option<DepthLoss>,
     /// Corrections of the photos' cameras, if they are learnt.
     pub(in crate::train) poses: Option<Poses>,
     order: (u32, Vec<usize>),
@@ -123,8 +126,10 @@ impl Trainer {
         let antialias = options.settings.style.antialias;
         let smoothing = antialias.then(|| Smoothing::new(device, &photos, &options.settings)).transpose()?;
         let poses = options.poses.then(|| Poses::new(device, &photos)).transpose()?;
+        let depth_loss = options.depth_loss.then(|| DepthLoss::new(device, &photos)).transpose()?.flatten();
         Ok(Self {
             half,
+            depth_loss,
             smoothing,
             poses,
             cameras: options

@@ -5,6 +5,7 @@ use crate::gpu::Recording;
 use crate::render::Backward;
 use crate::response::Gather;
 use crate::train::adam;
+use crate::train::depth_loss;
 use crate::train::dropout;
 use crate::train::error::Result;
 use crate::train::exposure;
@@ -87,6 +88,11 @@ impl Trainer {
         }
         if let Some(method) = &options.method {
             method.before_adam(recording, &now);
+        }
+        // Responses read the photo's picture.
+        if let Some(depths) = self.depth_loss.as_ref().filter(|_| responses.is_none()) {
+            let weight = depth_loss::weight(iteration, length) * current.share;
+            depths.record(recording, renderer, (model, camera), (at, weight), gradient);
         }
         adam::record(recording, renderer, &self.training, adam_step);
         if let Some(method) = &options.method {

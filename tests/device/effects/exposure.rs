@@ -125,6 +125,7 @@ fn options(config: &RunConfig, exposure: bool) -> Options {
         exposure: exposure.then(|| Exposures::Learnt(Vec::new())),
         poses: false,
         dropout: false,
+        depth_loss: false,
         weights: Weights::default(),
         averaged: 0..0,
         method: None,

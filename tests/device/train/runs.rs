@@ -73,6 +73,7 @@ pub(crate) fn options() -> Options {
         exposure: None,
         poses: false,
         dropout: false,
+        depth_loss: false,
         weights: Weights::default(),
         averaged: 0..0,
         method: None,

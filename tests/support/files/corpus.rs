@@ -7,7 +7,8 @@ use image::ImageEncoder;
 use qirf_vk::gaussians::Attributes;
 use qirf_vk::gaussians::formats::{self, Loaded};
 use qirf_vk::pipeline::RunConfig;
-use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
+use qirf_vk::pipeline::depth_maps::read;
+use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene, rigs};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::mean::Mean;
 use qirf_vk::train::poses::STORED;
@@ -31,6 +32,8 @@ pub enum Reader {
     Scene,
     /// The same for a PNG whose checksums are corrected after the damage.
     ScenePng,
+    /// A depth map.
+    Depth,
     Config,
     Checkpoint,
 }
@@ -53,6 +56,7 @@ pub fn inputs() -> Vec<Input> {
     all.extend(colmap());
     all.extend(json());
     all.extend(photos());
+    all.extend(depth_maps());
     all.push(lone("config.toml", Reader::Config, config()));
     all.push(lone("checkpoint.safetensors", Reader::Checkpoint, checkpoint()));
     all
@@ -112,10 +116,29 @@ fn among<N: AsRef<str>>(kind: &str, damaged: &str, reader: Reader, files: &[(N, 
     Input { name: format!("{kind}: {damaged}"), reader, file: damaged.into(), bytes, beside: beside.collect() }
 }
 
+/// rigs.bin with two rigs, of two cameras, one of which has a pose, and of one.
+const RIGS: &[&[u8]] = &[
+    &[2, 0, 0, 0, 0, 0, 0, 0],
+    &[1, 0, 0, 0, 2, 0, 0, 0],
+    &[0; 8],
+    &[0; 8],
+    &[1],
+    &[0; 56],
+    &[2, 0, 0, 0, 1, 0, 0, 0],
+    &[0; 8],
+];
+
 fn colmap() -> Vec<Input> {
     let model = Model::sample();
     let (binary, text) = (model.binary(), model.text());
-    let names = ["cameras", "images", "points3D"];
+    let with = |name: &'static str, rigs: Vec<u8>, mut all: Vec<(&'static str, Vec<u8>)>| {
+        all.push((name, rigs));
+        all
+    };
+    let binary = with("rigs.bin", RIGS.concat(), binary.into());
+    let text =
+        with("rigs.txt", b"# rigs\n1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0.1 0 0\n2 1 CAMERA 3\n".to_vec(), text.into());
+    let names = ["cameras", "images", "points3D", "rigs"];
     let binary = names.map(|n| among("colmap", &format!("{n}.bin"), Reader::Scene, &binary));
     let text = names.map(|n| among("colmap", &format!("{n}.txt"), Reader::Scene, &text));
     binary.into_iter().chain(text).collect()
@@ -183,6 +206,39 @@ fn photos() -> Vec<Input> {
     masked.file = "masks/a.png".into();
     all.push(masked);
     all
+}
+
+fn depth_maps() -> Vec<Input> {
+    let folder = tempfile::tempdir().unwrap();
+    let encoded = |name: &str, picture: image::DynamicImage| {
+        let path = folder.path().join(name);
+        picture.save(&path).unwrap();
+        fs::read(path).unwrap()
+    };
+    let steps = image::ImageBuffer::from_fn(12, 9, |x, y| image::Luma([(1000 + 10 * x + y) as u16]));
+    let floats = image::ImageBuffer::from_fn(12, 9, |x, y| image::Rgb([1.0 + x as f32 + 0.1 * y as f32; 3]));
+    let npy = |kind: &str, shape: &str, values: Vec<u8>| {
+        let head = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
+        let len = (head.len() + 11).next_multiple_of(64) - 10;
+        let start = [b"\x93NUMPY\x01\x00".as_slice(), &(len as u16).to_le_bytes()].concat();
+        [start, format!("{head:<width$}\n", width = len - 1).into_bytes(), values].concat()
+    };
+    let values = || (0..12 * 9).map(|i| 1.5 + f64::from(i));
+    vec![
+        lone(
+            "floats.npy",
+            Reader::Depth,
+            npy("<f4", "(9, 12)", values().flat_map(|v| (v as f32).to_le_bytes()).collect()),
+        ),
+        lone("doubles.npy", Reader::Depth, npy(">f8", "(9, 12, 1)", values().flat_map(f64::to_be_bytes).collect())),
+        lone(
+            "steps.npy",
+            Reader::Depth,
+            npy("<u2", "(1, 9, 12)", values().flat_map(|v| (v as u16).to_le_bytes()).collect()),
+        ),
+        lone("depth.png", Reader::Depth, encoded("a.png", image::DynamicImage::ImageLuma16(steps))),
+        lone("depth.exr", Reader::Depth, encoded("a.exr", image::DynamicImage::ImageRgb32F(floats))),
+    ]
 }
 
 fn config() -> Vec<u8> {
@@ -299,6 +355,7 @@ impl Input {
                 fs::write(&path, bytes).unwrap();
                 scene(folder)
             }
+            Reader::Depth => said(depth_map(bytes)).is_some(),
             Reader::Config => {
                 fs::write(&path, bytes).unwrap();
                 said(RunConfig::read(&path)).is_some_and(|config| {
@@ -315,6 +372,16 @@ impl Input {
             }
         }
     }
+}
+
+/// A depth map, whose every pixel can be asked for.
+fn depth_map(bytes: &[u8]) -> Result<(), String> {
+    let map = read::of_bytes(bytes).map_err(|what| format!("depth map of a photo {what}"))?;
+    assert_eq!(map.depths.len(), map.width as usize * map.height as usize);
+    for (x, y) in (0..map.width.min(99)).flat_map(|x| (0..map.height.min(99)).map(move |y| (x, y))) {
+        assert!(map.at(x, y).is_none_or(|depth| depth > 0.0 && depth.is_finite()));
+    }
+    Ok(())
 }
 
 /// The result, if any; a refusal must have a message.
@@ -355,6 +422,8 @@ fn scene(folder: &Path) -> bool {
         assert!(view.camera.principal.is_finite() && view.camera.rotation.is_finite());
     }
     let n = scene.views.len() as u32;
+    let Some(rigs) = said(rigs(scene.source.parent().unwrap())) else { return false };
+    assert!(rigs.iter().all(|cameras| *cameras > 1));
     assert!(scene.points.iter().all(|p| p.position.is_finite() && p.track.iter().all(|&v| v < n)));
     let split = scene.split(8);
     assert!(scene.extent(&split.train).is_finite());

@@ -117,6 +117,28 @@ pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
     Ok(cameras)
 }
 
+/// rigs.bin: the number of sensors of each rig. How they stand to each other is in the images' poses, too.
+pub(super) fn rigs(path: &Path) -> Result<Vec<usize>, Error> {
+    records::<_, String>(
+        path,
+        "rig",
+        8,
+        |what, r| Error::malformed(path, r, what),
+        |cursor, rows| {
+            let _id = cursor.u32()?;
+            let sensors = cursor.u32()?;
+            for sensor in 0..sensors {
+                cursor.take(8)?; // kind and id; the first has no pose
+                if sensor > 0 && cursor.array::<1>()? != [0] {
+                    cursor.take(7 * 8)?;
+                }
+            }
+            rows.push(sensors as usize);
+            Ok(())
+        },
+    )
+}
+
 /// images.bin; its 2D points are kept if `marks` is set.
 pub(super) fn images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
     records::<_, String>(

@@ -51,6 +51,20 @@ fn has(folder: &Path, extension: &str) -> bool {
     ["cameras", "images"].iter().all(|f| folder.join(f).with_extension(extension).is_file())
 }
 
+/// The numbers of cameras of a model's rigs that have several: COLMAP 3.12 and later write them.
+///
+/// # Errors
+/// A file of rigs that is damaged.
+pub fn rigs(model: &Path) -> Result<Vec<usize>, Error> {
+    let [binary, text] = ["rigs.bin", "rigs.txt"].map(|name| model.join(name));
+    let all = match (binary.is_file(), text.is_file()) {
+        (true, _) => binary::rigs(&binary)?,
+        (false, true) => text::rigs(&text)?,
+        (false, false) => Vec::new(),
+    };
+    Ok(all.into_iter().filter(|cameras| *cameras > 1).collect())
+}
+
 /// The model with the most images in `sparse` itself and in its subfolders, and what to tell if there are several.
 pub(super) fn largest(sparse: &Path) -> Option<(PathBuf, Option<String>)> {
     let inner = std::fs::read_dir(sparse).into_iter().flatten().flatten().map(|entry| entry.path());

@@ -1,0 +1,268 @@
+//! Depth maps of photos: what their views see of them, the scale at which they agree with the scene's points, and points of their
+//! own to start from.
+
+pub mod read;
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use crate::effects::{DepthEvidence, DepthWitness};
+use crate::scene::camera::Camera;
+use crate::scene::lens::Lens;
+use crate::scene::{DepthMap, Photo, Point, Resize, Scene, View};
+use crate::wording::counted;
+use read::Map;
+
+/// Most points of all maps together: one for so many pixels trained on, within these bounds. Growth needs room to put
+/// Gaussians where they are needed.
+const PIXELS_BY_POINT: u64 = 32;
+const POINTS: (usize, usize) = (5_000, 100_000);
+/// Fewest points that tell a map's scale.
+const FEWEST: usize = 8;
+/// Median deviation from the scale, as a share of it, from which on a map does not fit the points.
+const APART: f64 = 0.2;
+/// Most pixels that are kept of a map: it shows shapes, not texture.
+const MOST_PIXELS: f64 = 65_536.0;
+
+/// The depth maps of a scene's views, before its photos are read.
+#[derive(Clone, Debug, Default)]
+pub struct DepthMaps {
+    /// By the view's name.
+    maps: HashMap<String, DepthMap>,
+    /// What the scene's points say of them.
+    pub evidence: DepthEvidence,
+    /// Points in the maps; their track is the view that sees them, and their colour is not known yet.
+    pub points: Vec<Point>,
+    /// What to tell.
+    pub notes: Vec<String>,
+}
+
+/// Source of a map's scale.
+enum Scale {
+    /// The capture's points, which deviate by this share of the depth in the median.
+    Points(f64, f64),
+    /// Nothing: too few points lie in it.
+    Unknown,
+    /// The points contradict every scale.
+    Apart,
+}
+
+/// The views of one photo with its map.
+struct Found {
+    views: Vec<usize>,
+    map: Result<(Scale, Map), String>,
+}
+
+/// The depth maps of `views`, for pictures of this size.
+///
+/// Each map has the scale at which it agrees with the scene's points, or, if too few of them lie in it, the other maps'.
+/// Without any, its numbers are world units.
+pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
+    let with: Vec<usize> = views.iter().copied().filter(|v| scene.views[*v].depth.is_some()).collect();
+    if with.is_empty() {
+        return DepthMaps::default();
+    }
+    let tracked = scene.points.iter().any(|point| !point.track.is_empty());
+    let same = |a: &usize, b: &usize| scene.views[*a].depth == scene.views[*b].depth;
+    let photos: Vec<&[usize]> = with.chunk_by(same).collect();
+    let found: Vec<Found> = photos.par_iter().map(|views| find(scene, views, tracked)).collect();
+    let mut known: Vec<[f64; 2]> = found
+        .iter()
+        .filter_map(|f| if let Ok((Scale::Points(scale, off), _)) = f.map { Some([scale, off]) } else { None })
+        .collect();
+    known.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let usual = known.get(known.len() / 2).map_or(1.0, |[scale, _]| *scale);
+    let shown = |f: &Found| {
+        let scale = match f.map {
+            Ok((Scale::Points(scale, _), _)) => scale,
+            Ok((Scale::Unknown, _)) => usual,
+            Ok((Scale::Apart, _)) | Err(_) => return Vec::new(),
+        };
+        let Ok((_, map)) = &f.map else { return Vec::new() };
+        f.views.iter().map(|v| (*v, seen(&scene.views[*v], map, scale, resize))).collect()
+    };
+    let maps: Vec<(usize, DepthMap)> = found.par_iter().flat_map_iter(shown).collect();
+    let pixels: u64 = views.iter().map(|v| scene.views[*v].camera_at(resize).pixels()).sum();
+    let each = ((pixels / PIXELS_BY_POINT) as usize).clamp(POINTS.0, POINTS.1).div_ceil(with.len());
+    let points: Vec<Point> =
+        maps.par_iter().flat_map_iter(|(v, map)| points(*v, &scene.views[*v], map, each)).collect();
+    let usable = found.iter().filter(|f| !matches!(f.map, Ok((Scale::Apart, _)) | Err(_))).count();
+    let mut off: Vec<f64> = known.iter().map(|[_, off]| *off).collect();
+    let (by, deviation) = if off.is_empty() {
+        (DepthWitness::Maps, agreement(scene, &maps, &points))
+    } else {
+        (DepthWitness::Points, Some(middle(&mut off)))
+    };
+    let notes = notes(scene, &found, &known, (usable, points.len()));
+    let maps = maps.into_iter().map(|(v, map)| (scene.views[v].name.clone(), map)).collect();
+    DepthMaps { maps, evidence: DepthEvidence { maps: usable, by, deviation }, points, notes }
+}
+
+/// What to tell: maps that are not used, why, and what the others gave.
+fn notes(scene: &Scene, found: &[Found], known: &[[f64; 2]], (usable, points): (usize, usize)) -> Vec<String> {
+    let unread = |f: &Found| {
+        let what = f.map.as_ref().err()?;
+        Some(format!("depth map of {} {what}; not used", scene.views[f.views[0]].photo_name()))
+    };
+    let mut notes: Vec<String> = found.iter().filter_map(unread).collect();
+    let apart = found.iter().filter(|f| matches!(f.map, Ok((Scale::Apart, _)))).count();
+    if apart > 0 {
+        let maps = counted(apart, "depth map");
+        notes.push(format!("{maps} at no scale near the points (inverse depths?); not used"));
+    }
+    let scales = match (known.first(), known.last()) {
+        (Some([low, _]), Some([high, _])) => format!(", scales {low:.3} to {high:.3} by the capture's points"),
+        _ => ", in world units".to_owned(),
+    };
+    notes.push(format!("{} from {}{scales}", counted(points, "point"), counted(usable, "depth map")));
+    notes
+}
+
+/// The map of the photo that these views show, with its scale.
+fn find(scene: &Scene, views: &[usize], tracked: bool) -> Found {
+    let view = &scene.views[views[0]];
+    let sees = |v: &usize, point: &Point| point.track.binary_search(&(*v as u32)).is_ok();
+    let seen = scene.points.iter().filter(|point| !tracked || views.iter().any(|v| sees(v, point)));
+    let map = view.depth.as_deref().ok_or_else(String::new).and_then(read::read).and_then(|map| {
+        if view.lens.fits(map.width, map.height) {
+            Ok((scale(view, &map, seen), map))
+        } else {
+            Err(format!("is {} x {}, another shape than its photo", map.width, map.height))
+        }
+    });
+    Found { views: views.to_vec(), map }
+}
+
+/// A view's photo: a face's looks along another axis.
+struct Source {
+    lens: Lens,
+    /// True if depths lie along rays, as those of photos do that show more than a pinhole could.
+    along_rays: bool,
+}
+
+impl Source {
+    fn new(view: &View, map: &Map) -> Self {
+        Self { lens: view.lens.resized(map.width, map.height), along_rays: view.face.is_some() }
+    }
+
+    /// The map's number for what lies at `place`, in the photo's camera coordinates, over the depth there.
+    fn depth(&self, place: DVec3) -> f64 {
+        if self.along_rays { place.length() } else { place.z }
+    }
+
+    /// The number that a map has in a direction, in the photo's camera coordinates.
+    fn look(&self, map: &Map, direction: DVec3) -> Option<f64> {
+        let at = self.lens.pixel_of(direction);
+        let inside = at.min_element() >= 0.0 && at.x < f64::from(map.width) && at.y < f64::from(map.height);
+        if inside { map.at(at.x as u32, at.y as u32) } else { None }
+    }
+}
+
+/// The factor by which a map's depths become those of the points that it shows.
+fn scale<'a>(view: &View, map: &Map, seen: impl Iterator<Item = &'a Point>) -> Scale {
+    let source = Source::new(view, map);
+    let back = view.face.as_ref().map_or(glam::DMat3::IDENTITY, |face| face.turn.transpose());
+    let ratio = |point: &Point| {
+        let p = back * (view.camera.rotation * point.position + view.camera.translation);
+        let depth = source.depth(p);
+        if depth > 0.0 { source.look(map, p).map(|measured| depth / measured) } else { None }
+    };
+    let mut ratios: Vec<f64> = seen.filter_map(ratio).collect();
+    if ratios.len() < FEWEST {
+        return Scale::Unknown;
+    }
+    let scale = middle(&mut ratios);
+    let mut off: Vec<f64> = ratios.iter().map(|ratio| (ratio / scale - 1.0).abs()).collect();
+    let off = middle(&mut off);
+    if off > APART { Scale::Apart } else { Scale::Points(scale, off) }
+}
+
+fn middle(values: &mut [f64]) -> f64 {
+    let at = values.len() / 2;
+    *values.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+/// A view's camera at the size of its map.
+fn camera(view: &View, resize: Resize) -> Camera {
+    let camera = view.camera_at(resize);
+    let smaller = (MOST_PIXELS / camera.pixels() as f64).sqrt().min(1.0);
+    let [width, height] = [camera.width, camera.height].map(|n| ((f64::from(n) * smaller) as u32).max(1));
+    camera.resized(width, height)
+}
+
+/// What a view sees of its photo's map, pixel by pixel.
+fn seen(view: &View, map: &Map, scale: f64, resize: Resize) -> DepthMap {
+    let (camera, source) = (camera(view, resize), Source::new(view, map));
+    let back = view.face.as_ref().map_or(glam::DMat3::IDENTITY, |face| face.turn.transpose());
+    let depth = |n: u32| {
+        let pixel = DVec2::new(f64::from(n % camera.width), f64::from(n / camera.width)) + 0.5;
+        let ray = back * ((pixel - camera.principal) / camera.focal).extend(1.0);
+        source.look(map, ray).map_or(0.0, |measured| (measured / source.depth(ray)) as f32)
+    };
+    let depths: Arc<[f32]> = (0..camera.width * camera.height).map(depth).collect();
+    DepthMap { width: camera.width, height: camera.height, depths, unit: scale }
+}
+
+/// At most about `most` points, evenly over what view `v` sees of its map.
+fn points(v: usize, view: &View, map: &DepthMap, most: usize) -> Vec<Point> {
+    let camera = view.camera.resized(map.width, map.height);
+    let stride = (f64::from(map.width) * f64::from(map.height) / most as f64).sqrt().ceil().max(1.0) as u32;
+    let places = (stride / 2..map.height).step_by(stride as usize);
+    let places = places.flat_map(|y| (stride / 2..map.width).step_by(stride as usize).map(move |x| (x, y)));
+    let point = |(x, y): (u32, u32)| {
+        let depth = f64::from(map.depths[y as usize * map.width as usize + x as usize]) * map.unit;
+        let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+        let local = ((pixel - camera.principal) / camera.focal).extend(1.0) * depth;
+        let position = camera.rotation.transpose() * (local - camera.translation);
+        (depth > 0.0).then(|| Point { position, colour: [0; 3], error: 0.0, track: vec![v as u32] })
+    };
+    places.filter_map(point).collect()
+}
+
+/// The median distance of the points of each map from the next photo's map, as a share of the depth; none if too few lie in it.
+fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Point]) -> Option<f64> {
+    let photos: Vec<&[(usize, DepthMap)]> =
+        maps.chunk_by(|a, b| scene.views[a.0].photo_name() == scene.views[b.0].photo_name()).collect();
+    let apart = |point: &Point| {
+        let own = *point.track.first()? as usize;
+        let next = photos.iter().find(|views| views[0].0 > own)?;
+        let seen = |(v, map): &(usize, DepthMap)| {
+            let camera = scene.views[*v].camera.resized(map.width, map.height);
+            let pixel = camera.pixel_of(point.position)?;
+            let measured = f64::from(map.depths[(pixel[1] * map.width + pixel[0]) as usize]) * map.unit;
+            (measured > 0.0).then(|| (camera.depth(point.position) / measured - 1.0).abs())
+        };
+        next.iter().find_map(seen)
+    };
+    let mut apart: Vec<f64> = points.iter().filter_map(apart).collect();
+    (apart.len() >= FEWEST).then(|| middle(&mut apart))
+}
+
+impl DepthMaps {
+    /// Bytes of the maps in memory.
+    pub fn bytes(&self) -> u64 {
+        self.maps.values().map(|map| 4 * map.depths.len() as u64).sum()
+    }
+
+    /// The map of a view.
+    pub fn of(&self, view: &str) -> Option<&DepthMap> {
+        self.maps.get(view)
+    }
+}
+
+/// Gives the last points of a scene, from the number `from` on, the colours of the photos of their views; those go that a mask hides,
+/// or whose photo is lost.
+pub fn colour(scene: &mut Scene, from: usize, photos: &[Photo]) {
+    let coloured = |mut point: Point| {
+        let photo = photos.get(*point.track.first()? as usize)?;
+        let [x, y] = photo.camera.pixel_of(point.position)?;
+        let [r, g, b, fourth] = photo.pixels.at(y as usize * photo.camera.width as usize + x as usize).ok()?;
+        (point.colour, point.track) = ([r, g, b], Vec::new());
+        (fourth >= 128).then_some(point)
+    };
+    let measured = scene.points.split_off(from.min(scene.points.len()));
+    scene.points.extend(measured.into_iter().filter_map(coloured));
+}

@@ -1,0 +1,90 @@
+//! Files of depth maps: npy, 16-bit pictures and EXR.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{DynamicImage, ImageReader};
+use npyz::{DType, NpyFile, TypeChar};
+
+/// Steps of 16-bit maps in world units: millimetres, if these are metres.
+const STEP: f32 = 1e-3;
+/// Share of the depth by which neighbouring pixels differ at an edge, where no depth is taken.
+const EDGE: f32 = 0.05;
+
+/// A decoded map, rows from the top.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Map {
+    /// Pixels per row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Not a positive number where there is none.
+    pub depths: Vec<f32>,
+}
+
+/// Reads a map: 16-bit pictures in thousandths, EXR and npy as they are.
+///
+/// # Errors
+/// What is wrong with the file, as a predicate.
+pub fn read(path: &Path) -> Result<Map, String> {
+    of_bytes(&std::fs::read(path).map_err(|e| e.to_string())?)
+}
+
+/// As [`read`], of a file's bytes.
+///
+/// # Errors
+/// As [`read`].
+pub fn of_bytes(bytes: &[u8]) -> Result<Map, String> {
+    if bytes.starts_with(b"\x93NUMPY") {
+        return npy(bytes);
+    }
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+    let decoded = reader.decode().map_err(|e| format!("cannot be decoded: {e}"))?;
+    let (width, height) = (decoded.width(), decoded.height());
+    let depths = match decoded {
+        DynamicImage::ImageLuma16(steps) => steps.into_raw().into_iter().map(|s| f32::from(s) * STEP).collect(),
+        DynamicImage::ImageRgb32F(values) => values.pixels().map(|p| p.0[0]).collect(),
+        DynamicImage::ImageRgba32F(values) => values.pixels().map(|p| p.0[0]).collect(),
+        _ => return Err("has neither 16 bits nor floats".to_owned()),
+    };
+    Ok(Map { width, height, depths })
+}
+
+fn npy(bytes: &[u8]) -> Result<Map, String> {
+    let npy = NpyFile::new(bytes).map_err(|e| format!("cannot be read: {e}"))?;
+    let (height, width) = match *npy.shape() {
+        [h, w] | [h, w, 1] | [1, h, w] => (h, w),
+        ref other => return Err(format!("has the shape {other:?}, not height x width")),
+    };
+    // A claim of more numbers than the file can hold is damage.
+    if width == 0 || height == 0 || width.checked_mul(height).is_none_or(|n| n > bytes.len() as u64) {
+        return Err(format!("of {height} x {width} numbers is cut short"));
+    }
+    if npy.order() != npyz::Order::C {
+        return Err("has columns first (Fortran's order)".to_owned());
+    }
+    let DType::Plain(kind) = npy.dtype() else { return Err("has records".to_owned()) };
+    let cut = |e: std::io::Error| format!("is cut short: {e}");
+    let depths: Vec<f32> = match (kind.type_char(), kind.num_bytes()) {
+        (TypeChar::Float, Some(4)) => npy.into_vec::<f32>().map_err(cut)?,
+        (TypeChar::Float, Some(8)) => npy.into_vec::<f64>().map_err(cut)?.into_iter().map(|v| v as f32).collect(),
+        (TypeChar::Uint, Some(2)) => {
+            npy.into_vec::<u16>().map_err(cut)?.into_iter().map(|v| f32::from(v) * STEP).collect()
+        }
+        _ => return Err(format!("has numbers of type {kind}, not f4, f8 or u2")),
+    };
+    Ok(Map { width: width as u32, height: height as u32, depths })
+}
+
+impl Map {
+    /// The depth at a pixel, if there is one, and none of its neighbours lies at another.
+    pub fn at(&self, x: u32, y: u32) -> Option<f64> {
+        let value = |x: u32, y: u32| self.depths[y as usize * self.width as usize + x as usize];
+        let depth = value(x, y);
+        let (left, above) = (x.saturating_sub(1), y.saturating_sub(1));
+        let (right, below) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
+        let around = [value(left, y), value(right, y), value(x, above), value(x, below)];
+        let usable = depth > 0.0 && depth.is_finite() && around.iter().all(|d| (d - depth).abs() <= EDGE * depth);
+        usable.then_some(f64::from(depth))
+    }
+}
