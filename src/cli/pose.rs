@@ -45,12 +45,25 @@ pub(super) struct Posing {
     /// Largest number of frames to take from a video, at most two a second
     #[arg(long, value_name = "N", default_value_t = 150, help_heading = "Poses", value_parser = clap::value_parser!(u32).range(3..=100_000))]
     frames: u32,
+    /// Folders side by side hold what a rig's cameras took at once, under the same names: COLMAP 3.12 or newer keeps the cameras
+    /// together. A rig_config.json beside the photos, as COLMAP reads it, does so by itself
+    #[arg(long, help_heading = "Poses", conflicts_with = "panoramas")]
+    rig: bool,
+    /// Photos or frames are panoramas of all directions (360°, equirectangular), which are cut into the faces of a cube
+    #[arg(long, help_heading = "Poses")]
+    panoramas: bool,
 }
 
 impl Posing {
     /// The options.
     pub fn options(&self) -> Options {
-        Options { backend: self.poses, matching: self.matching, frames: self.frames as usize }
+        Options {
+            backend: self.poses,
+            matching: self.matching,
+            frames: self.frames as usize,
+            rig: self.rig,
+            panoramas: self.panoramas,
+        }
     }
 }
 

@@ -2,6 +2,8 @@
 
 use super::child::{self, Output, Said};
 use super::folder::Folder;
+use super::parts;
+use super::rig::{self, Rig};
 use super::{FEATURES, MATCHES, Matching, POSES, Watcher};
 use crate::pipeline::Error;
 use crate::pipeline::session::host_bytes;
@@ -12,6 +14,8 @@ use std::path::{Path, PathBuf};
 /// The program.
 pub(super) const PROGRAM: &str = "colmap";
 
+/// Its command that keeps cameras of rigs together, from 3.12 on.
+const RIGS: &str = "rig_configurator";
 /// Longest side in pixels, and number of features of a photo, where a CPU finds and compares them: a pair takes 0.48 s
 /// instead of 0.80.
 const ON_CPU: (&str, &str) = ("1600", "4096");
@@ -23,63 +27,161 @@ const THREAD_BYTES: u64 = 1 << 28;
 
 /// Estimates poses, into the folder of models. Finished steps of an interrupted job are not repeated; unfinished ones go
 /// on with what is in the database.
-pub(super) fn run(folder: &mut Folder, matching: Matching, watcher: &dyn Watcher) -> Result<(), Error> {
-    let log = folder.log();
-    let call = |arguments: &[String], each: &mut dyn FnMut(&str)| {
-        child::run((PROGRAM, arguments), Output::Text, &log, watcher, &mut |said| {
+pub(super) fn run(
+    folder: &mut Folder,
+    (matching, rig): (Matching, Option<&Rig>),
+    watcher: &dyn Watcher,
+) -> Result<(), Error> {
+    let colmap = Colmap { log: folder.log(), watcher };
+    let lens = rig.and_then(|rig| rig.lens);
+    let rig = match rig {
+        Some(rig) => colmap.knows_rigs()?.then_some(rig),
+        None => None,
+    };
+    colmap.features(folder, (rig, lens))?;
+    // Sequential pairs follow frames, so that a known rig comes before them.
+    let placed = match rig.filter(|rig| rig.known) {
+        Some(rig) => colmap.configure(folder, rig, None)?,
+        None => false,
+    };
+    colmap.matches(folder, matching)?;
+    colmap.map(folder, (placed, lens.is_some()))?;
+    rig.filter(|rig| !rig.known).map_or(Ok(()), |rig| colmap.together(folder, rig))
+}
+
+/// COLMAP with its log.
+struct Colmap<'a> {
+    log: PathBuf,
+    watcher: &'a dyn Watcher,
+}
+
+impl Colmap<'_> {
+    fn call(&self, arguments: &[String], each: &mut dyn FnMut(&str)) -> Result<(), Error> {
+        child::run((PROGRAM, arguments), Output::Text, &self.log, self.watcher, &mut |said| {
             if let Said::Line(line) = said {
                 each(&line);
             }
         })
-    };
-    let known = |command: &str| -> Result<Known, Error> {
-        let mut help = String::new();
-        call(&[command.to_owned(), "-h".to_owned()], &mut |line| help = format!("{help}{line}\n"))?;
-        Ok(Known(help))
-    };
-    let total = folder.photos().len();
-
-    let extractor = known("feature_extractor")?;
-    let mut done = 0;
-    for (number, step) in steps(folder).iter().enumerate() {
-        if number >= folder.features() {
-            let list = child::list(folder.work().join("photos.txt"), &step.photos)?;
-            let arguments = extractor.features(folder, &list, step);
-            call(&arguments, &mut |line| {
-                if let Some((n, _)) = counted(line) {
-                    watcher.posing(FEATURES, done + n, total);
-                }
-            })?;
-            folder.featured()?;
-        }
-        done += step.photos.len();
     }
 
-    if !folder.has_matches(matching) {
+    fn known(&self, command: &str) -> Result<Known, Error> {
+        let mut help = String::new();
+        self.call(&[command.to_owned(), "-h".to_owned()], &mut |line| help = format!("{help}{line}\n"))?;
+        Ok(Known(help))
+    }
+
+    /// Returns true if this version keeps the cameras of rigs together.
+    fn knows_rigs(&self) -> Result<bool, Error> {
+        let knows = match self.known(RIGS) {
+            Ok(help) => help.0.contains("--rig_config_path"),
+            Err(Error::Program { .. }) => false,
+            Err(other) => return Err(other),
+        };
+        if !knows {
+            self.watcher.note("this COLMAP knows no rigs (3.12 and newer do): each camera is posed by itself");
+        }
+        Ok(knows)
+    }
+
+    /// Finds features; `lens` is that of all cameras, if it is known.
+    fn features(&self, folder: &mut Folder, (rig, lens): (Option<&Rig>, Option<[f64; 4]>)) -> Result<(), Error> {
+        let lens = lens.map(|lens| lens.map(|v| v.to_string()).join(","));
+        let total = folder.photos().len();
+        let extractor = self.known("feature_extractor")?;
+        let mut done = 0;
+        for (number, step) in steps(folder, rig).iter().enumerate() {
+            if number >= folder.features() {
+                let list = child::list(folder.work().join("photos.txt"), &step.photos)?;
+                let arguments = extractor.features(folder, (&list, lens.as_deref()), step);
+                self.call(&arguments, &mut |line| {
+                    if let Some((n, _)) = counted(line) {
+                        self.watcher.posing(FEATURES, done + n, total);
+                    }
+                })?;
+                folder.featured()?;
+            }
+            done += step.photos.len();
+        }
+        Ok(())
+    }
+
+    fn matches(&self, folder: &mut Folder, matching: Matching) -> Result<(), Error> {
+        if folder.has_matches(matching) {
+            return Ok(());
+        }
         let command = if matching == Matching::Sequential { "sequential_matcher" } else { "exhaustive_matcher" };
-        let arguments = known(command)?.matches(command, folder);
-        call(&arguments, &mut |line| {
+        let arguments = self.known(command)?.matches(command, folder);
+        self.call(&arguments, &mut |line| {
             if let Some((n, of)) = counted(line) {
-                watcher.posing(MATCHES, n, of);
+                self.watcher.posing(MATCHES, n, of);
             }
         })?;
-        folder.matched(matching)?;
+        folder.matched(matching)
     }
 
-    // Parts that an interrupted mapper left are not whole.
-    let models = folder.models();
-    let emptied = fs::remove_dir_all(&models).and_then(|()| fs::create_dir_all(&models));
-    emptied.map_err(|source| Error::Write { path: models, source })?;
-    let arguments = known("mapper")?.poses(folder);
-    let (mut placed, mut nothing) = (0, false);
-    let ended = call(&arguments, &mut |line| {
-        placed += usize::from(line.contains("Registering image"));
-        nothing |= line.to_lowercase().contains("failed to create sparse model");
-        watcher.posing(POSES, placed.min(total - 1), total);
-    });
-    // It fails where it finds no pose, which is told with all that it found.
-    if nothing && matches!(ended, Err(Error::Program { .. })) { Ok(()) } else { ended }
+    /// Finds the poses; `known` says whether it is known how a rig's cameras stand to each other, and what their lenses are.
+    fn map(&self, folder: &Folder, known: (bool, bool)) -> Result<(), Error> {
+        // Parts that an interrupted mapper left are not whole.
+        let models = folder.models();
+        let emptied = fs::remove_dir_all(&models).and_then(|()| fs::create_dir_all(&models));
+        emptied.map_err(|source| Error::Write { path: models, source })?;
+        let arguments = self.known("mapper")?.poses(folder, known);
+        let total = folder.photos().len();
+        let (mut placed, mut nothing) = (0, false);
+        let ended = self.call(&arguments, &mut |line| {
+            placed += usize::from(line.contains("Registering image"));
+            nothing |= line.to_lowercase().contains("failed to create sparse model");
+            self.watcher.posing(POSES, placed.min(total - 1), total);
+        });
+        // It fails where it finds no pose, which is told with all that it found.
+        if nothing && matches!(ended, Err(Error::Program { .. })) { Ok(()) } else { ended }
+    }
+
+    /// Puts a rig into the database, whose cameras stand as the file says, or as in `model`. Returns false if COLMAP refuses it.
+    fn configure(&self, folder: &Folder, rig: &Rig, model: Option<&Path>) -> Result<bool, Error> {
+        let config = folder.work().join(rig::FILE);
+        fs::write(&config, &rig.text).map_err(|source| Error::Write { path: config.clone(), source })?;
+        let mut files = vec![("--database_path", folder.database()), ("--rig_config_path", config)];
+        files.extend(model.map(|model| ("--input_path", model.to_owned())));
+        match self.call(&command(RIGS, &files, Vec::new()), &mut |_| ()) {
+            Err(Error::Program { log, .. }) => {
+                let log = log.display();
+                self.watcher.note(&format!("COLMAP refuses the rig, so each camera is posed by itself ({log})"));
+                Ok(false)
+            }
+            ended => ended.map(|()| true),
+        }
+    }
+
+    /// Finds the poses again, now with the cameras of a rig kept together. How they stand to each other is the mean of what the
+    /// poses say so far.
+    fn together(&self, folder: &Folder, rig: &Rig) -> Result<(), Error> {
+        let (models, alone) = (folder.models(), folder.work().join("alone"));
+        let Some((model, without)) = parts::largest(&models) else { return Ok(()) };
+        if !self.configure(folder, rig, Some(&model))? {
+            return Ok(());
+        }
+        let moved = |from: &Path, to: &Path| {
+            let _ = fs::remove_dir_all(to);
+            fs::rename(from, to).map_err(|source| Error::Write { path: to.to_owned(), source })
+        };
+        moved(&models, &alone)?;
+        fs::create_dir_all(&models).map_err(|source| Error::Write { path: models.clone(), source })?;
+        self.map(folder, (false, false))?;
+        let with = parts::largest(&models).map_or(0, |(_, photos)| photos);
+        if with < without {
+            self.watcher.note(&format!(
+                "with the rig {with} photos have poses, without it {without}: each camera is posed by itself"
+            ));
+            moved(&alone, &models)?;
+        }
+        let _ = fs::remove_dir_all(&alone);
+        Ok(())
+    }
 }
+
+/// The kind of a camera, and its number in the rigs.
+type Kind = (CameraKind, Option<usize>);
 
 /// A step of the features: photos of one camera.
 struct Step {
@@ -91,16 +193,17 @@ struct Step {
 
 /// The steps of the features. The first photo of a camera puts it into the database, so that the others can share it even
 /// after an interruption.
-fn steps(folder: &Folder) -> Vec<Step> {
-    let mut cameras: Vec<(CameraKind, Vec<String>)> = Vec::new();
+fn steps(folder: &Folder, rig: Option<&Rig>) -> Vec<Step> {
+    let mut cameras: Vec<(Kind, Vec<String>)> = Vec::new();
     for name in folder.photos() {
         let Some(kind) = CameraKind::of(&folder.images().join(name)) else { continue };
-        match cameras.iter_mut().find(|(known, _)| kind.shares(known)) {
+        let of = rig.and_then(|rig| rig.camera_of(name));
+        match cameras.iter_mut().find(|((known, other), _)| of == *other && kind.shares(known)) {
             Some((_, photos)) => photos.push(name.clone()),
-            None => cameras.push((kind, vec![name.clone()])),
+            None => cameras.push(((kind, of), vec![name.clone()])),
         }
     }
-    let steps = (1..).zip(cameras).flat_map(|(number, (kind, mut photos))| {
+    let steps = (1..).zip(cameras).flat_map(|(number, ((kind, _), mut photos))| {
         let model = if kind.has_focal { MODELS.0 } else { MODELS.1 };
         let others = photos.split_off(1);
         [Step { photos, camera: None, model }, Step { photos: others, camera: Some(number), model }]
@@ -127,7 +230,7 @@ impl Known {
         self.0.contains("with CUDA") && (cfg!(windows) || devices.iter().any(|d| Path::new(d).exists()))
     }
 
-    fn features(&self, folder: &Folder, list: &Path, step: &Step) -> Vec<String> {
+    fn features(&self, folder: &Folder, (list, lens): (&Path, Option<&str>), step: &Step) -> Vec<String> {
         let gpu = self.gpu();
         let camera = step.camera.map(|c| c.to_string());
         let shared: (&[&str], &str) = match &camera {
@@ -136,9 +239,10 @@ impl Known {
         };
         let mut options = vec![
             shared,
-            (&["ImageReader.camera_model"], step.model),
+            (&["ImageReader.camera_model"], if lens.is_some() { "PINHOLE" } else { step.model }),
             (&["FeatureExtraction.use_gpu", "SiftExtraction.use_gpu"], if gpu { "1" } else { "0" }),
         ];
+        options.extend(lens.map(|lens| (&["ImageReader.camera_params"][..], lens)));
         let threads = threads();
         if !gpu {
             options.extend::<[(&[&str], &str); 3]>([
@@ -166,14 +270,23 @@ impl Known {
         command(name, &[("--database_path", folder.database())], self.arguments(&options))
     }
 
-    fn poses(&self, folder: &Folder) -> Vec<String> {
+    /// What is known stays: how a rig's cameras stand to each other, and their lenses.
+    fn poses(&self, folder: &Folder, (placed, lenses): (bool, bool)) -> Vec<String> {
         let files = [
             ("--database_path", folder.database()),
             ("--image_path", folder.images()),
             ("--output_path", folder.models()),
         ];
         // Small parts are told to the user.
-        command("mapper", &files, self.arguments(&[(&["Mapper.min_model_size"], "3")]))
+        let mut options: Vec<(&[&str], &str)> = vec![(&["Mapper.min_model_size"], "3")];
+        if placed {
+            options.push((&["Mapper.ba_refine_sensor_from_rig"], "0"));
+        }
+        if lenses {
+            options.push((&["Mapper.ba_refine_focal_length"], "0"));
+            options.push((&["Mapper.ba_refine_extra_params"], "0"));
+        }
+        command("mapper", &files, self.arguments(&options))
     }
 }
 

@@ -19,6 +19,9 @@ pub(super) struct Key {
     pub files: Vec<(String, u64, u64)>,
     /// Largest number of frames, of a video.
     pub frames: Option<usize>,
+    /// COLMAP's configuration of rigs, or `panoramas`, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rig: Option<String>,
 }
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

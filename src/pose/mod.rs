@@ -4,8 +4,10 @@ mod child;
 mod colmap;
 mod folder;
 mod openmvg;
+mod panoramas;
 mod parts;
 mod path;
+mod rig;
 mod source;
 mod video;
 
@@ -64,6 +66,10 @@ pub struct Options {
     pub matching: Matching,
     /// Largest number of photos taken from a video.
     pub frames: usize,
+    /// True if folders side by side hold the photos of a rig's cameras.
+    pub rig: bool,
+    /// True if photos or frames are panoramas of all directions.
+    pub panoramas: bool,
 }
 
 /// The result.
@@ -102,11 +108,13 @@ impl Posed {
 /// an interrupted job resumes where it stopped.
 ///
 /// # Errors
-/// [`Error::NoProgram`]; [`Error::Usage`] for subfolders with OpenMVG-rs; [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::NotOurs`] for a folder
+/// [`Error::NoProgram`]; [`Error::Usage`] for subfolders with OpenMVG-rs, or a rig that is not there; [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::NotOurs`] for a folder
 /// that holds something else; [`Error::Interrupted`]; files that cannot be read or written.
 pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher) -> Result<Posed, Error> {
     let source = Source::of(input, options.frames);
-    let mut folder = Folder::open(scene, source.key()?, options)?;
+    let rig = if options.panoramas { None } else { source.rig(options.rig)? };
+    let taken = rig.as_ref().map(|rig| rig.text.clone()).or(options.panoramas.then(|| "panoramas".to_owned()));
+    let mut folder = Folder::open(scene, source.key(taken)?, options)?;
     if let Some(posed) = folder.finished() {
         return Ok(posed);
     }
@@ -117,13 +125,21 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
             input.display()
         )));
     }
-    if let Some(line) = source.told() {
+    let hint = if options.panoramas { None } else { source.hint(rig.as_ref()) };
+    for line in source.told().into_iter().chain(hint) {
         watcher.note(&line);
     }
     folder.begin()?;
     if folder.photos().is_empty() {
-        let names = source.place(&folder, watcher)?;
+        let mut names = source.place(&folder, watcher)?;
+        if options.panoramas {
+            names = panoramas::cut(&folder, &names, watcher)?;
+        }
         folder.placed(names)?;
+    }
+    let rig = if options.panoramas && !folder.photos().is_empty() { Some(panoramas::rig(&folder)?) } else { rig };
+    if let Some(line) = panoramas::hint(&folder).filter(|_| !options.panoramas) {
+        watcher.note(line);
     }
     let photos = folder.photos().len();
     if photos < FEWEST {
@@ -131,7 +147,9 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
     }
     match backend {
         Backend::Openmvg => openmvg::run(&folder, watcher)?,
-        Backend::Auto | Backend::Colmap => colmap::run(&mut folder, options.matching.of(&source, photos), watcher)?,
+        Backend::Auto | Backend::Colmap => {
+            colmap::run(&mut folder, (options.matching.of(&source, photos), rig.as_ref()), watcher)?;
+        }
     }
     watcher.posing(POSES, photos, photos);
     let posed = parts::choose(&folder)?;

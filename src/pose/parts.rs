@@ -54,6 +54,16 @@ pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
     Ok(posed)
 }
 
+/// The model with most photos, and their number.
+pub(super) fn largest(models: &Path) -> Option<(PathBuf, usize)> {
+    let mut found = Vec::new();
+    self::models(models, &mut found);
+    let photos = |path: &PathBuf| Scene::open(path, &OpenOptions::default()).map_or(0, |scene| scene.views.len());
+    let mut sized: Vec<(PathBuf, usize)> = found.into_iter().map(|path| (path.clone(), photos(&path))).collect();
+    sized.sort_by_key(|(_, photos)| std::cmp::Reverse(*photos));
+    sized.into_iter().next()
+}
+
 /// Model folders in and below a folder, by name.
 fn models(at: &Path, found: &mut Vec<PathBuf>) {
     if ["bin", "txt"].iter().any(|e| at.join("images").with_extension(e).is_file()) {

@@ -2,6 +2,7 @@
 
 use super::Watcher;
 use super::folder::{Folder, Key};
+use super::rig::{self, Rig};
 use super::video;
 use crate::pipeline::Error;
 use crate::scene::{Names, PhotoTree, masks_of};
@@ -35,11 +36,34 @@ impl Source {
         Self::Photos { folder: input.to_owned(), tree: PhotoTree::of(input) }
     }
 
-    /// The key that identifies these photos.
+    /// The rigs that took the photos: those of a file beside them, or, if `asked`, folders with photos of the same names.
+    ///
+    /// # Errors
+    /// As [`Rig::of`].
+    pub fn rig(&self, asked: bool) -> Result<Option<Rig>, Error> {
+        match self {
+            Self::Photos { folder, tree } => Rig::of(folder, &tree.names, asked),
+            Self::Video { file, .. } if asked => {
+                Err(Error::Usage(format!("--rig: {} is one video, of one camera", file.display())))
+            }
+            Self::Video { .. } => Ok(None),
+        }
+    }
+
+    /// What to tell of a rig, or of photos that one may have taken.
+    pub fn hint(&self, rig: Option<&Rig>) -> Option<String> {
+        match (self, rig) {
+            (_, Some(rig)) => Some(rig.told()),
+            (Self::Photos { tree, .. }, None) => rig::hint(&tree.names),
+            (Self::Video { .. }, None) => None,
+        }
+    }
+
+    /// The key that identifies these photos, and what they were taken by, if it is known.
     ///
     /// # Errors
     /// A file that cannot be read.
-    pub fn key(&self) -> Result<Key, Error> {
+    pub fn key(&self, rig: Option<String>) -> Result<Key, Error> {
         let (files, frames): (Vec<(PathBuf, String)>, _) = match self {
             Self::Photos { folder, tree } => (tree.names.iter().map(|n| (folder.join(n), n.clone())).collect(), None),
             Self::Video { file, frames } => {
@@ -51,7 +75,7 @@ impl Source {
             Ok((bytes, changed)) => Ok((name, bytes, changed)),
             Err(source) => Err(Error::Read { path, source }),
         });
-        Ok(Key { files: files.collect::<Result<_, _>>()?, frames })
+        Ok(Key { files: files.collect::<Result<_, _>>()?, frames, rig })
     }
 
     /// True if there are photos in subfolders.

@@ -3,4 +3,5 @@
 mod fake;
 mod folders;
 mod real;
+mod rigs;
 mod video;

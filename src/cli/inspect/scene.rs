@@ -3,7 +3,7 @@
 use crate::gaussians::formats::{self, RenderMode};
 use crate::pipeline::Error;
 use crate::pipeline::effects;
-use crate::scene::{EVAL_EVERY, OpenOptions, Scene, Split, View};
+use crate::scene::{EVAL_EVERY, OpenOptions, Scene, Split, View, rigs};
 use crate::view::alone::{self, PageOptions};
 use crate::view::capture;
 use crate::wording::counted;
@@ -101,6 +101,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         *sizes.entry((view.lens.width, view.lens.height)).or_default() += 1;
         cameras.entry(view.camera_id).or_insert((view, 0)).1 += 1;
     }
+    let rigs = scene.source.parent().map_or(Ok(Vec::new()), rigs)?;
     let alpha = scene.views.par_iter().filter(|v| v.announces_alpha()).count();
     let split = scene.split(EVAL_EVERY);
     let errors: Vec<f32> = scene.points.iter().map(|p| p.error).filter(|e| *e > 0.0).collect();
@@ -120,6 +121,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "depth_maps": scene.views.iter().filter(|v| v.depth.is_some()).count(),
         "sizes": sizes.iter().map(|((w, h), n)| json!({ "size": format!("{w}x{h}"), "views": n })).collect::<Vec<_>>(),
         "cameras": cameras.iter().map(|(id, (view, views))| camera(*id, view, *views)).collect::<Vec<_>>(),
+        "rigs": rigs.iter().map(|cameras| format!("rig of {cameras} cameras")).collect::<Vec<_>>(),
         "points": scene.points.len(),
         "mean_track_length": mean(tracks as f64, scene.points.len()),
         "mean_reprojection_px": mean(errors.iter().map(|e| f64::from(*e)).sum(), errors.len()),

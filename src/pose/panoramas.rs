@@ -1,0 +1,120 @@
+//! Panoramas without poses: each is cut into the faces of a cube, which are the photos of a rig of six pinholes at one place.
+
+use std::fs;
+use std::path::Path;
+
+use glam::DQuat;
+use image::codecs::jpeg::JpegEncoder;
+use serde_json::json;
+
+use super::Watcher;
+use super::folder::Folder;
+use super::rig::Rig;
+use crate::pipeline::Error;
+use crate::scene::faces::{self, CUBE};
+use crate::scene::{AlphaRole, CameraKind, LoadOptions, Photo, View, load_photos};
+
+/// The face that the others are placed by.
+const FRONT: &str = "front";
+/// Quality of JPEG files.
+const QUALITY: u8 = 95;
+
+/// What to tell of photos that may be panoramas.
+pub(super) fn hint(folder: &Folder) -> Option<&'static str> {
+    let sizes =
+        || folder.photos().iter().filter_map(|name| CameraKind::of(&folder.images().join(name))).map(|kind| kind.size);
+    let all = sizes().next().is_some() && sizes().all(|(width, height)| width == 2 * height);
+    all.then_some("all photos are twice as wide as high: panoramas (360°) need --panoramas")
+}
+
+/// Puts the faces of the panoramas of these names, `front/a.jpg` and so on, in their places, masks likewise; returns the faces' names.
+///
+/// # Errors
+/// A photo that is no panorama or cannot be read; [`Error::Write`]; [`Error::Interrupted`].
+pub(super) fn cut(folder: &Folder, names: &[String], watcher: &dyn Watcher) -> Result<Vec<String>, Error> {
+    let mut made = Vec::with_capacity(CUBE.len() * names.len());
+    for name in names {
+        watcher.unless_stopped()?;
+        let file = folder.images().join(name);
+        let mask = folder.masks().join(Path::new(name).with_extension("png"));
+        let faces = faces::of_panorama(&file, mask.is_file().then_some(mask.as_path()))?;
+        let views: Vec<&View> = faces.iter().map(|(_, view)| view).collect();
+        let photos = load_photos(&views, &LoadOptions { alpha: false, ..LoadOptions::default() }, &|_| ())?;
+        for ((face, _), photo) in faces.iter().zip(photos) {
+            let name = format!("{face}/{name}");
+            write(&folder.images().join(&name), &folder.masks().join(Path::new(&name).with_extension("png")), &photo?)?;
+            made.push(name);
+        }
+        for whole in [file, mask] {
+            let _ = fs::remove_file(whole);
+        }
+    }
+    made.sort();
+    Ok(made)
+}
+
+/// Writes a face, and its mask if it has one.
+fn write(file: &Path, mask: &Path, photo: &Photo) -> Result<(), Error> {
+    let (width, height) = (photo.camera.width, photo.camera.height);
+    let unwritten =
+        |path: &Path, what: String| Error::Write { path: path.to_owned(), source: std::io::Error::other(what) };
+    let make = |path: &Path| match path.parent() {
+        Some(parent) => fs::create_dir_all(parent).map_err(|e| unwritten(path, e.to_string())),
+        None => Ok(()),
+    };
+    let pixels = photo.pixels.read().map_err(|e| unwritten(file, e.to_string()))?;
+    let rgb: Vec<u8> = pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
+    let rgb = image::RgbImage::from_raw(width, height, rgb).unwrap_or_default();
+    make(file)?;
+    let jpeg = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("jpg") || e.eq_ignore_ascii_case("jpeg"));
+    let written = if jpeg {
+        let out = fs::File::create(file).map_err(|e| unwritten(file, e.to_string()))?;
+        rgb.write_with_encoder(JpegEncoder::new_with_quality(out, QUALITY))
+    } else {
+        rgb.save(file)
+    };
+    written.map_err(|e| unwritten(file, e.to_string()))?;
+    if photo.alpha_role == AlphaRole::Mask {
+        let grey: Vec<u8> = pixels.chunks_exact(4).map(|p| p[3]).collect();
+        make(mask)?;
+        let grey = image::GrayImage::from_raw(width, height, grey).unwrap_or_default();
+        grey.save(mask).map_err(|e| unwritten(mask, e.to_string()))?;
+    }
+    Ok(())
+}
+
+/// The rig whose cameras took the faces.
+///
+/// # Errors
+/// [`Error::Usage`] for faces of several sizes.
+pub(super) fn rig(folder: &Folder) -> Result<Rig, Error> {
+    let sizes =
+        folder.photos().iter().filter_map(|name| CameraKind::of(&folder.images().join(name))).map(|kind| kind.size);
+    let mut sizes: Vec<(u32, u32)> = sizes.collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    let &[(side, _)] = sizes.as_slice() else {
+        return Err(Error::Usage(format!(
+            "--panoramas: photos of {} sizes; pose those of one size at a time",
+            sizes.len()
+        )));
+    };
+    let half = 0.5 * f64::from(side);
+    let lens = [half; 4];
+    let camera = |(face, turn): (&str, glam::DMat3)| {
+        let q = DQuat::from_mat3(&turn);
+        let mut camera = json!({
+            "image_prefix": format!("{face}/"), "camera_model_name": "PINHOLE", "camera_params": lens,
+        });
+        if face == FRONT {
+            camera["ref_sensor"] = true.into();
+        } else {
+            camera["cam_from_rig_rotation"] = json!([q.w, q.x, q.y, q.z]);
+            camera["cam_from_rig_translation"] = json!([0.0, 0.0, 0.0]);
+        }
+        camera
+    };
+    let cameras: Vec<_> = CUBE.map(|(face, axes)| (face, faces::turn(axes))).map(camera).into();
+    let text = format!("{:#}\n", json!([{ "cameras": cameras }]));
+    Ok(Rig { text, cameras: CUBE.map(|(face, _)| format!("{face}/")).into(), known: true, lens: Some(lens) })
+}
