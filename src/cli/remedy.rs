@@ -197,7 +197,7 @@ fn capture(error: &scene::Error) -> Option<String> {
             Some(other_kind(root).unwrap_or_else(|| "give the folder that holds one of them".to_owned()))
         }
         scene::Error::SeveralScenes { .. } => plain("give the folder of one"),
-        scene::Error::NoImageFolder { .. } => plain("give one with --images"),
+        scene::Error::NoImageFolder { .. } => plain("give one with --images, or, for depth maps, with --depth"),
         scene::Error::NoPhotos { what, .. } if what.ends_with("does not exist") => {
             plain("name their folder with --images DIR")
         }

@@ -227,7 +227,7 @@ impl Opened {
         let mut photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
         depth_maps::colour(&mut scene, points, &photos);
         for (photo, view) in photos.iter_mut().zip(&scene.views) {
-            photo.depth = maps.of(&view.name).cloned();
+            photo.depth = maps.shown(&view.name, photo);
         }
         for line in scene.skipped.summary() {
             watcher.note(&line);

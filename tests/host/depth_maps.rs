@@ -183,6 +183,30 @@ fn the_evidence_decides_on_the_loss() {
     assert!(!on, "{evidence}");
 }
 
+/// What a mask hides is no surface to train on.
+#[test]
+fn hidden_parts_of_photos_have_no_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let maps = folder.path().join("depth");
+    std::fs::create_dir_all(&maps).unwrap();
+    wall(folder.path(), true, 0.0);
+    npy(&maps.join("a.npy"), |_, _| 4.0);
+    std::fs::create_dir_all(folder.path().join("masks")).unwrap();
+    let mask = image::GrayImage::from_fn(SIZE[0], SIZE[1], |x, _| image::Luma([if x < 20 { 0 } else { 255 }]));
+    mask.save(folder.path().join("masks/a.png")).unwrap();
+    let mut scene = Scene::open(
+        folder.path(),
+        &OpenOptions { depth: Some("depth".into()), undistort: Some(false), ..OpenOptions::default() },
+    )
+    .unwrap();
+    let maps = depth_maps::of_views(&scene, &[0, 1, 2], Resize::Full);
+    let photos = scene.load_photos(&LoadOptions::default(), &|_| ()).unwrap();
+    let shown = maps.shown("a.jpg", &photos[0]).unwrap();
+    let there = |x: usize| shown.depths[30 * 64 + x] > 0.0;
+    assert_eq!([10, 19, 20, 40].map(there), [false, false, true, true]);
+    assert!(maps.shown("b.jpg", &photos[1]).is_none());
+}
+
 #[test]
 fn an_edge_gives_no_points_and_a_hole_none() {
     let folder = tempfile::tempdir().unwrap();

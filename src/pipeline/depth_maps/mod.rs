@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::effects::{DepthEvidence, DepthWitness};
 use crate::scene::camera::Camera;
 use crate::scene::lens::Lens;
-use crate::scene::{DepthMap, Photo, Point, Resize, Scene, View};
+use crate::scene::{AlphaRole, DepthMap, Photo, Point, Resize, Scene, View};
 use crate::wording::counted;
 use read::Map;
 
@@ -250,6 +250,23 @@ impl DepthMaps {
     /// The map of a view.
     pub fn of(&self, view: &str) -> Option<&DepthMap> {
         self.maps.get(view)
+    }
+
+    /// The map of a view without what is hidden or transparent in its photo; none also if the photo cannot be read.
+    pub fn shown(&self, view: &str, photo: &Photo) -> Option<DepthMap> {
+        let map = self.maps.get(view)?;
+        if photo.alpha_role == AlphaRole::Opaque {
+            return Some(map.clone());
+        }
+        let pixels = photo.pixels.read().ok()?;
+        let [width, height] = [photo.camera.width, photo.camera.height].map(|n| n as usize);
+        let scaled = |at: usize, from: u32, to: usize| (2 * at + 1) * to / (2 * from as usize);
+        let depth = |(n, depth): (usize, &f32)| {
+            let (x, y) = (n % map.width as usize, n / map.width as usize);
+            let pixel = scaled(y, map.height, height) * width + scaled(x, map.width, width);
+            if pixels.get(4 * pixel + 3).is_some_and(|fourth| *fourth >= 128) { *depth } else { 0.0 }
+        };
+        Some(DepthMap { depths: map.depths.iter().enumerate().map(depth).collect(), ..map.clone() })
     }
 }
 
