@@ -15,7 +15,7 @@ pub const FOOTPRINTS: f64 = 1.5;
 /// Median error of points, in pixels of the pictures trained on, above which cameras are corrected.
 pub const MISPLACED: f64 = 1.0;
 /// Median deviation of points from depth maps, as a share of their depth, up to which the maps are trained on.
-pub const DEPTHS_AGREE: f64 = 0.05;
+pub const DEPTHS_AGREE: f64 = 0.1;
 /// Number of points whose footprints are compared.
 const POINTS: usize = 4000;
 /// Number of views that must see a point.

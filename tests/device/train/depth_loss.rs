@@ -156,6 +156,13 @@ fn runs_with_depths_repeat_to_the_bit_and_without_maps_cost_nothing() {
     let (plain, with) = (model(c.train.clone(), false), model(measured(&c.train), true));
     assert!(plain == model(c.train.clone(), true) && plain == model(measured(&c.train), false));
     assert!(with == model(measured(&c.train), true) && with != plain);
+    let mut half = start(measured(&c.train), true);
+    train(&mut half, 22);
+    let options = Options { depth_loss: true, ..options() };
+    let snapshot = half.snapshot().unwrap();
+    let mut rest = Trainer::resume(&device, &snapshot, measured(&c.train), c.extent, options).unwrap();
+    train(&mut rest, 40);
+    assert!(bits(&rest.download().unwrap()) == with, "resumed");
     let kernels = |photos: Vec<Photo>, iteration: u32| -> usize {
         let mut trainer = start(photos, true);
         train(&mut trainer, iteration - 1);
