@@ -30,6 +30,9 @@
 //! `tools/examples` holds three programs: one renders a model, one trains a scene and prints the loss, and one runs a kernel
 //! of its own.
 //!
+//! Whatever works with a device can fail for lack of its memory or by its loss, and whatever works with files by these. Docstrings
+//! name further errors, and what a failure leaves behind.
+//!
 //! # Features
 //!
 //! All are on by default. `default-features = false` leaves the readers and writers of models and captures, the renderer, the

@@ -2,6 +2,33 @@
 
 use std::fmt::Display;
 
+/// An enum whose variants have names, in messages, on the command line and in files: their list, [`Display`] and `name`.
+macro_rules! named {
+    ($(#[$attribute:meta])* $seen:vis enum $Name:ident { $($(#[$of_variant:meta])* $Variant:ident = $text:literal,)* }) => {
+        $(#[$attribute])*
+        $seen enum $Name { $($(#[$of_variant])* $Variant,)* }
+
+        impl $Name {
+            /// All of them, in their order.
+            pub const ALL: [Self; [$($text),*].len()] = [$(Self::$Variant),*];
+
+            /// Its name in messages, in files and on the command line.
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$Variant => $text,)*
+                }
+            }
+        }
+
+        impl std::fmt::Display for $Name {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.pad(self.name())
+            }
+        }
+    };
+}
+pub(crate) use named;
+
 /// `1 photo`, `3 photos`: a count, and a noun whose plural ends in s.
 pub fn counted<N: Copy + Display + PartialEq + From<u8>>(n: N, noun: &str) -> String {
     let ending = if n == N::from(1) { "" } else { "s" };

@@ -13,6 +13,7 @@ mod program {
     mod dispatched;
     mod edit;
     mod effects;
+    mod ended;
     #[cfg(unix)] // limits and signals are the system's
     mod faults;
     mod html;
@@ -24,6 +25,7 @@ mod program {
     mod run;
     #[cfg(unix)] // with signals
     mod shard;
+    mod sizes;
     mod soak;
     mod sweep;
     #[cfg(unix)] // signals are the system's

@@ -7,10 +7,9 @@ use super::show::Show;
 use super::training::Training;
 use super::{Global, tell_of_missing};
 use crate::lab::compare::{Arm, CompareRecord, arms_help, compare, compare_seeds, of_seeds, write_page};
-use crate::lab::methods::make;
 use crate::pipeline::Error;
 use crate::pipeline::config::{PruneRule, Pruning};
-use crate::pipeline::{Output, RunConfig, Session, earlier};
+use crate::pipeline::{Output, RunConfig, earlier};
 use crate::qirf::select::budget::Keep;
 use std::path::PathBuf;
 
@@ -98,9 +97,7 @@ impl Arguments {
         let networks = self.resources.networks()?;
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
-        let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
-        let session =
-            Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher, methods: make };
+        let session = self.resources.session((&device, &networks), &watcher);
         let compared = match self.seeds {
             None => compare(&session, &config, &arms, &self.output, self.resume)?,
             Some(seeds) => compare_seeds(&session, &config, &arms, seeds, &self.output, self.resume)?,

@@ -8,10 +8,11 @@ use super::scratch::Scratch;
 use super::show::Show;
 use super::values;
 use super::view::{self, Watched};
-use super::{Global, tell_of_missing};
+use super::{Global, check_file, tell_of_missing};
 use crate::gaussians::formats::{self, Precision, SpzPrecision};
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
+use crate::pipeline::Output;
 use crate::pipeline::compress::aim::Aim;
 use crate::pipeline::compress::curve::{CurvePlan, curve};
 use crate::pipeline::compress::fit::{self, Target};
@@ -19,10 +20,9 @@ use crate::pipeline::compress::peer::Peer;
 use crate::pipeline::compress::{self, Input};
 use crate::pipeline::place::place;
 use crate::pipeline::records::{AimRecord, CompressRecord, ModelFile, StageScores, Truth};
-use crate::pipeline::{Output, Session, host_bytes};
 use crate::qirf::pairs::PairCounts;
 use crate::report::{of_compression, of_curve};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -113,12 +113,7 @@ impl Arguments {
         let networks = Networks::default();
         let mut watcher = Show::new(console);
         watcher.record(self.diagnostics.as_deref().map(Recorder::of_file));
-        let session = Session {
-            host_bytes: host_bytes(self.memory_budget),
-            scratch: self.scratch.folder(),
-            watcher: &watcher,
-            ..Session::new(&device, &networks)
-        };
+        let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
         let config = self.options.configuration(style, self.fine_tune)?;
         let precision = self.sh_bits.map(Precision::Spz);
         let target = Target { precision, origin: loaded.origin, ..Target::new(&self.output) };
@@ -148,12 +143,7 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let watcher = Show::new(console);
-        let session = Session {
-            host_bytes: host_bytes(self.memory_budget),
-            scratch: self.scratch.folder(),
-            watcher: &watcher,
-            ..Session::new(&device, &networks)
-        };
+        let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
         let config = self.options.configuration(style, 0)?;
         let input = Input { path: &self.model, model: loaded.gaussians, read_s: 0.0 };
         let plan = CurvePlan { formats, peer: peer.as_ref() };
@@ -174,11 +164,7 @@ impl Arguments {
         formats::check_output(&self.output).map_err(Error::writing)?;
         for path in [Some(&self.output), self.report.as_ref(), self.diagnostics.as_ref()].into_iter().flatten() {
             formats::refuse_overwrite(&self.model, path).map_err(Error::writing)?;
-            if path.is_dir() {
-                return Err(Error::Usage(format!("{} is a folder; name a file", path.display())));
-            }
-            let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            std::fs::metadata(folder).map_err(|source| Error::Write { path: path.clone(), source })?;
+            check_file(path)?;
         }
         if self.sh_bits.is_some() && self.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("spz")) {
             return Err(Error::Usage("--sh-bits is for SPZ: name an .spz file".to_owned()));

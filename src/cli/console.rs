@@ -50,9 +50,6 @@ impl Console {
     }
 
     /// Writes one JSON document to standard output.
-    ///
-    /// # Errors
-    /// As [`Console::print`]; [`Error::Encode`].
     pub fn json(&self, document: &impl Serialize) -> Result<(), Error> {
         let value = serde_json::to_value(document).map_err(|e| Error::encoding("the JSON document", e))?;
         self.print(format_args!("{value:#}"))

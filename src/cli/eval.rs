@@ -6,7 +6,7 @@ use super::scratch::Scratch;
 use super::show::Show;
 use super::style;
 use super::values;
-use super::{Global, tell_of_missing};
+use super::{Global, check_folder, tell_of_missing};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
 use crate::metrics::{Networks, Scores};
@@ -14,7 +14,7 @@ use crate::pipeline::Error;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::place::place;
 use crate::pipeline::records::{RunRecord, ViewScores};
-use crate::pipeline::{Output, RunConfig, Selection, Session, host_bytes};
+use crate::pipeline::{Output, RunConfig, Selection};
 use crate::render::Style;
 use std::path::{Path, PathBuf};
 
@@ -91,9 +91,7 @@ impl Arguments {
             )));
         }
         if let Some(folder) = &self.output {
-            if folder.exists() && !folder.is_dir() {
-                return Err(Error::Usage(format!("-o {} is a file; name a folder", folder.display())));
-            }
+            check_folder(folder)?;
             if folder.join("config.toml").exists() {
                 let folder = folder.display();
                 return Err(Error::Usage(format!("-o {folder} holds a run and its figures; name another folder")));
@@ -107,12 +105,7 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;
         let watcher = Show::new(console);
-        let session = Session {
-            host_bytes: host_bytes(self.memory_budget),
-            scratch: self.scratch.folder(),
-            watcher: &watcher,
-            ..Session::new(&device, &networks)
-        };
+        let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
         let record = eval::eval(&session, &self.model, &loaded.gaussians, &evaluation, output.as_ref())?;
         tell_of_missing(&networks, console);
         self.report(console, &record)
@@ -135,12 +128,7 @@ impl Arguments {
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let watcher = Show::new(console);
-        let session = Session {
-            host_bytes: host_bytes(self.memory_budget),
-            scratch: self.scratch.folder(),
-            watcher: &watcher,
-            ..Session::new(&device, &networks)
-        };
+        let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
         let background = self.background.unwrap_or([0.0; 3]);
         let held_out = eval::against(&session, [(&model.0, model.1), (&original.0, original.1)], background)?;
         tell_of_missing(&networks, console);

@@ -213,6 +213,23 @@ pub fn main() -> ExitCode {
     }
 }
 
+/// Refuses a file where a folder for results is wanted.
+fn check_folder(output: &Path) -> Result<(), Error> {
+    if output.exists() && !output.is_dir() {
+        return Err(Error::Usage(format!("-o {} is a file; name a folder", output.display())));
+    }
+    Ok(())
+}
+
+/// Refuses a folder where a file is to be written, and a file in a folder that is not there.
+fn check_file(output: &Path) -> Result<(), Error> {
+    if output.is_dir() {
+        return Err(Error::Usage(format!("{} is a folder; name a file", output.display())));
+    }
+    let folder = output.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::metadata(folder).map(drop).map_err(|source| Error::Write { path: output.to_owned(), source })
+}
+
 /// Reports scores skipped because their weights are missing, and how to get those; to be called once there are scores.
 fn tell_of_missing(networks: &Networks, console: &Console) {
     if let Some(note) = networks.note() {

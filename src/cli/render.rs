@@ -1,11 +1,11 @@
 //! `qirf-vk render MODEL`.
 
-use super::Global;
 use super::console::Console;
-use super::inspect::read_model;
+use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style;
 use super::values::{self, Up};
+use super::{Global, check_folder};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::metrics::Networks;
@@ -206,9 +206,7 @@ impl Arguments {
                 Ok(())
             };
         }
-        if self.output.exists() && !self.output.is_dir() {
-            return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
-        }
+        check_folder(&self.output)?;
         if self.transparent && self.format == Format::Npy {
             return refuse("--transparent is for PNG; npy files always hold alpha");
         }
@@ -278,11 +276,7 @@ impl Arguments {
     }
 
     fn open(&self, path: &Path, console: &Console) -> Result<Scene, Error> {
-        let scene = Scene::open(path, &OpenOptions { images: self.images.clone(), ..OpenOptions::default() })?;
-        for line in scene.skipped.summary() {
-            console.warn(format_args!("{}: {line}", path.display()));
-        }
-        Ok(scene)
+        open_scene(path, &OpenOptions { images: self.images.clone(), ..OpenOptions::default() }, console)
     }
 
     fn scene_shots(&self, scene: &Scene) -> Result<Vec<Shot>, Error> {

@@ -3,11 +3,12 @@
 use super::scratch::Scratch;
 use super::{Global, values};
 use crate::gpu::Device;
+use crate::lab::methods::make;
 use crate::metrics::Networks;
 use crate::pipeline::Error;
-use crate::pipeline::host_bytes;
+use crate::pipeline::{Session, Watcher};
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Memory limits and LPIPS weights.
 #[derive(Args, Clone, Debug)]
@@ -35,13 +36,8 @@ impl Resources {
         Ok(Networks::find(self.lpips_weights.as_deref())?)
     }
 
-    /// Bytes of the host's memory that decoded photos may take.
-    pub fn host_bytes(&self) -> u64 {
-        host_bytes(self.memory_budget)
-    }
-
-    /// The folder of temporary files, if one was named.
-    pub fn scratch(&self) -> Option<&Path> {
-        self.scratch.folder()
+    /// A session within these limits, whose configurations may name every method.
+    pub fn session<'a>(&'a self, on: (&'a Device, &'a Networks), watcher: &'a (dyn Watcher + Sync)) -> Session<'a> {
+        Session { methods: make, ..self.scratch.session(self.memory_budget, on, watcher) }
     }
 }

@@ -9,9 +9,8 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::view::{self, Watched};
-use super::{Global, tell_of_missing, values, viewer};
+use super::{Global, check_folder, tell_of_missing, values, viewer};
 use crate::gaussians::formats;
-use crate::lab::methods::make;
 use crate::pipeline::Error;
 use crate::pipeline::compress::aim::Aim;
 use crate::pipeline::compress::fit::Target;
@@ -100,9 +99,7 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
-        if self.output.exists() && !self.output.is_dir() {
-            return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
-        }
+        check_folder(&self.output)?;
         self.watched.check()?;
         let mut config = self.configuration(console)?;
         if global.tuning.is_some() {
@@ -129,9 +126,7 @@ impl Arguments {
         }
         let networks = self.resources.networks()?;
         let device = self.resources.device(global)?;
-        let (host_bytes, scratch) = (self.resources.host_bytes(), self.resources.scratch());
-        let session =
-            Session { device: &device, networks: &networks, host_bytes, scratch, watcher: &watcher, methods: make };
+        let session = self.resources.session((&device, &networks), &watcher);
         let subject = self.watched.view.then(|| view::of_run(&config, &self.output, console)).transpose()?;
         let record = self
             .watched

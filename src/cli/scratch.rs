@@ -1,7 +1,10 @@
 //! The folder of temporary files.
 
+use crate::gpu::Device;
+use crate::metrics::Networks;
+use crate::pipeline::{Session, Watcher, host_bytes};
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Folder of temporary files.
 #[derive(Args, Clone, Debug)]
@@ -13,8 +16,14 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    /// The folder, if one was named.
-    pub fn folder(&self) -> Option<&Path> {
-        self.scratch.as_deref().filter(|folder| !folder.as_os_str().is_empty())
+    /// A session in which decoded photos take so much memory, and the rest of them this folder, if one was named.
+    pub fn session<'a>(
+        &'a self,
+        memory_budget: Option<u64>,
+        (device, networks): (&'a Device, &'a Networks),
+        watcher: &'a (dyn Watcher + Sync),
+    ) -> Session<'a> {
+        let scratch = self.scratch.as_deref().filter(|folder| !folder.as_os_str().is_empty());
+        Session { host_bytes: host_bytes(memory_budget), scratch, watcher, ..Session::new(device, networks) }
     }
 }

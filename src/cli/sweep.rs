@@ -7,9 +7,8 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::values::{self, Up};
-use super::{Global, tell_of_missing};
+use super::{Global, check_folder, tell_of_missing};
 use crate::gaussians::formats::Loaded;
-use crate::lab::methods::make;
 use crate::lab::sweep::records::figure;
 use crate::lab::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
 use crate::metrics::Networks;
@@ -95,20 +94,12 @@ impl Arguments {
                     .to_owned(),
             ));
         }
-        if self.output.exists() && !self.output.is_dir() {
-            return Err(Error::Usage(format!("-o {} is a file; name a folder", self.output.display())));
-        }
+        check_folder(&self.output)?;
         let device = self.resources.device(global)?;
         Output::new(&self.output)?;
         let watcher = Show::new(console);
         let networks = Networks::default();
-        let session = Session {
-            host_bytes: self.resources.host_bytes(),
-            scratch: self.resources.scratch(),
-            watcher: &watcher,
-            methods: make,
-            ..Session::new(&device, &networks)
-        };
+        let session = self.resources.session((&device, &networks), &watcher);
         let (described, mut axes) = self.light(&session, console, &asked)?;
         if asked.iter().any(|a| a.axis.heavy()) {
             let networks = self.resources.networks()?;

@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::values;
 use crate::pipeline::Error;
-use crate::synth::{self, Effect, SynthOptions};
+use crate::synth::{self, Effect, Kind, SynthOptions};
 use crate::wording::counted;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -43,27 +43,6 @@ pub(super) struct Arguments {
     effects: Vec<String>,
 }
 
-/// Kinds of scenes.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum Kind {
-    /// A plaza with objects, photographed from all around
-    Plaza,
-    /// A strip of land, photographed from a drone; the more photos, the longer
-    Terrain,
-    /// The plaza in panoramas of all directions, from a walk among its objects
-    Panorama,
-}
-
-impl From<Kind> for synth::Kind {
-    fn from(kind: Kind) -> Self {
-        match kind {
-            Kind::Plaza => Self::Plaza,
-            Kind::Terrain => Self::Terrain,
-            Kind::Panorama => Self::Panorama,
-        }
-    }
-}
-
 fn long_help() -> String {
     let effects: Vec<String> = Effect::ALL.iter().map(|e| format!("  {e:<11} {}", e.description())).collect();
     format!("Effects (--effects):\n{}\n\n{EXAMPLES}", effects.join("\n"))
@@ -72,10 +51,10 @@ fn long_help() -> String {
 impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let effects = self.effects.iter().filter(|e| !e.trim().is_empty()).map(|e| e.parse());
-        let usual = if matches!(self.kind, Kind::Panorama) { (512, 256) } else { (240, 180) };
+        let usual = if self.kind == Kind::Panorama { (512, 256) } else { (240, 180) };
         let (width, height) = self.size.unwrap_or(usual);
         let options = SynthOptions {
-            kind: self.kind.into(),
+            kind: self.kind,
             views: self.views,
             width,
             height,

@@ -131,9 +131,6 @@ impl Training {
     }
 
     /// The configuration of a run on `scene`, without pruning.
-    ///
-    /// # Errors
-    /// An initial model that cannot be read.
     pub fn configuration(&self, scene: PathBuf, console: &Console) -> Result<RunConfig, Error> {
         let usual = RunConfig::of(scene, self.preset);
         let config = RunConfig {
@@ -162,9 +159,6 @@ impl Training {
 
     /// The configuration for a run that begins with the model at `path`: anti-aliased if its file says so, unless an option
     /// decides, and says where one contradicts the file.
-    ///
-    /// # Errors
-    /// A model that cannot be read.
     pub fn obey(&self, mut config: RunConfig, path: &Path, console: &Console) -> Result<RunConfig, Error> {
         let mode = read_model(path, console)?.mode;
         let asked = self.antialias.is_some() || self.effect.iter().any(|(effect, _)| *effect == Effect::Antialias);

@@ -18,6 +18,22 @@ use std::str::FromStr;
 /// Largest side of a picture in pixels.
 const LARGEST_SIDE: u32 = 65_535;
 
+/// A number that fits; `form` says what to write.
+fn number<T: FromStr>(text: &str, fits: impl Fn(&T) -> bool, form: &str) -> Result<T, String> {
+    text.parse().ok().filter(fits).ok_or_else(|| form.to_owned())
+}
+
+/// Finite numbers between commas.
+pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let all: Option<Vec<f64>> = text.split(',').map(finite).collect();
+    all?.try_into().ok()
+}
+
+/// A finite number.
+pub(super) fn finite(text: &str) -> Option<f64> {
+    text.trim().parse::<f64>().ok().filter(|x| x.is_finite())
+}
+
 /// `1280x720`.
 pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
     let side = |t: &str| t.parse::<u32>().ok().filter(|s| (1..=LARGEST_SIDE).contains(s));
@@ -39,8 +55,7 @@ pub(super) fn dilation(text: &str) -> Result<f32, String> {
 
 /// An angle from a pole, in degrees: 0 to 90.
 pub(super) fn pole(text: &str) -> Result<f64, String> {
-    let asked = text.parse::<f64>().ok().filter(|angle| (0.0..=90.0).contains(angle));
-    asked.ok_or_else(|| "write degrees from 0 to 90, such as 20".to_owned())
+    number(text, |angle| (0.0..=90.0).contains(angle), "write degrees from 0 to 90, such as 20")
 }
 
 /// As [`resolution`], but returns the text as given.
@@ -107,8 +122,8 @@ pub(super) fn sh_bits(text: &str) -> Result<SpzPrecision, String> {
 
 /// PSNR in dB, 5 to 100.
 pub(super) fn psnr(text: &str) -> Result<f64, String> {
-    let number = text.trim_end_matches("dB").trim_end().parse::<f64>().ok().filter(|v| (5.0..=100.0).contains(v));
-    number.ok_or_else(|| "write a PSNR in dB from 5 to 100, such as 35".to_owned())
+    let text = text.trim_end_matches("dB").trim_end();
+    number(text, |v| (5.0..=100.0).contains(v), "write a PSNR in dB from 5 to 100, such as 35")
 }
 
 /// The number of Gaussians that a run grows to.
@@ -128,55 +143,45 @@ pub(super) fn growth(text: &str) -> Result<GrowTo, String> {
         "auto" => Ok(GrowTo::Auto),
         "thresholds" => Ok(GrowTo::Thresholds),
         _ => {
-            let number = text.parse::<u32>().ok().filter(|n| (1..=MOST_GAUSSIANS).contains(&(*n as usize)));
-            number
-                .map(GrowTo::Number)
-                .ok_or_else(|| format!("write auto, thresholds or a number from 1 to {MOST_GAUSSIANS}"))
+            let form = format!("write auto, thresholds or a number from 1 to {MOST_GAUSSIANS}");
+            number(text, |n: &u32| (1..=MOST_GAUSSIANS).contains(&(*n as usize)), &form).map(GrowTo::Number)
         }
     }
 }
 
 /// A share above 0, up to 1.
 pub(super) fn share(text: &str) -> Result<f64, String> {
-    let share = text.parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1.0);
-    share.ok_or_else(|| "write a share above 0 and up to 1, such as 0.28".to_owned())
+    number(text, |v| *v > 0.0 && *v <= 1.0, "write a share above 0 and up to 1, such as 0.28")
 }
 
 /// A share from 0 to 1.
 pub(super) fn share_or_none(text: &str) -> Result<f64, String> {
-    let share = text.parse::<f64>().ok().filter(|v| (0.0..=1.0).contains(v));
-    share.ok_or_else(|| "write a share from 0 to 1, such as 0.05".to_owned())
+    number(text, |v| (0.0..=1.0).contains(v), "write a share from 0 to 1, such as 0.05")
 }
 
 /// A finite number of 0 or more.
 pub(super) fn not_negative(text: &str) -> Result<f64, String> {
-    let number = text.parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
-    number.ok_or_else(|| "write a number of 0 or more".to_owned())
+    number(text, |v: &f64| v.is_finite() && *v >= 0.0, "write a number of 0 or more")
 }
 
 /// `X,Y,Z` in world units.
 pub(super) fn point(text: &str) -> Result<DVec3, String> {
-    let numbers: Option<Vec<f64>> =
-        text.split(',').map(|t| t.trim().parse::<f64>().ok().filter(|x| x.is_finite())).collect();
-    let point = numbers.and_then(|n| n.try_into().ok()).map(DVec3::from_array);
-    point.ok_or_else(|| "write x,y,z, such as 0,1.5,-2".to_owned())
+    numbers(text).map(DVec3::from_array).ok_or_else(|| "write x,y,z, such as 0,1.5,-2".to_owned())
 }
 
 /// Frames per second, above 0, up to 1000.
 pub(super) fn frame_rate(text: &str) -> Result<f64, String> {
-    let rate = text.parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1000.0);
-    rate.ok_or_else(|| "write frames per second, above 0 and up to 1000".to_owned())
+    number(text, |v| *v > 0.0 && *v <= 1000.0, "write frames per second, above 0 and up to 1000")
 }
 
 /// A whole number of 0 or more.
 pub(super) fn whole<T: FromStr>(text: &str) -> Result<T, String> {
-    text.parse().map_err(|_| "write a whole number of 0 or more".to_owned())
+    number(text, |_| true, "write a whole number of 0 or more")
 }
 
 /// A number of seconds, 1 to 3600.
 pub(super) fn seconds(text: &str) -> Result<u64, String> {
-    let parsed = text.parse().ok().filter(|n| (1..=3600).contains(n));
-    parsed.ok_or_else(|| "write a whole number of seconds from 1 to 3600".to_owned())
+    number(text, |n| (1..=3600).contains(n), "write a whole number of seconds from 1 to 3600")
 }
 
 /// A parser of names: it knows what help and completions list, and reads a name or gives its fault.
@@ -322,28 +327,31 @@ impl Up {
 
 /// `x`, `-y`, `auto` and the like.
 pub(super) fn up(text: &str) -> Result<Up, String> {
-    Ok(match text {
-        "auto" => Up::Auto,
-        "x" => Up::Axis(DVec3::X),
-        "y" => Up::Axis(DVec3::Y),
-        "z" => Up::Axis(DVec3::Z),
-        "-x" => Up::Axis(DVec3::NEG_X),
-        "-y" => Up::Axis(DVec3::NEG_Y),
-        "-z" => Up::Axis(DVec3::NEG_Z),
-        _ => return Err("write x, y, z, -x, -y, -z or auto".to_owned()),
+    let asked = if text == "auto" { Some(Up::Auto) } else { axis(text).map(Up::Axis) };
+    asked.ok_or_else(|| "write x, y, z, -x, -y, -z or auto".to_owned())
+}
+
+/// An axis of the world: `x`, `-y` and the like.
+pub(super) fn axis(text: &str) -> Option<DVec3> {
+    Some(match text {
+        "x" => DVec3::X,
+        "y" => DVec3::Y,
+        "z" => DVec3::Z,
+        "-x" => DVec3::NEG_X,
+        "-y" => DVec3::NEG_Y,
+        "-z" => DVec3::NEG_Z,
+        _ => return None,
     })
 }
 
 /// An angle in degrees between 1 and 150.
 pub(super) fn degrees(text: &str) -> Result<f64, String> {
-    let parsed = text.parse::<f64>().ok().filter(|v| (1.0..=150.0).contains(v));
-    parsed.ok_or_else(|| "write degrees from 1 to 150".to_owned())
+    number(text, |v| (1.0..=150.0).contains(v), "write degrees from 1 to 150")
 }
 
 /// An elevation in degrees.
 pub(super) fn elevation(text: &str) -> Result<f64, String> {
-    let parsed = text.parse::<f64>().ok().filter(|v| (-89.0..=89.0).contains(v));
-    parsed.ok_or_else(|| "write degrees from -89 to 89".to_owned())
+    number(text, |v| (-89.0..=89.0).contains(v), "write degrees from -89 to 89")
 }
 
 #[cfg(test)]

@@ -54,9 +54,6 @@ impl Editor {
     }
 
     /// Makes an edit; `name` is how it was asked for, `why` says what it removes.
-    ///
-    /// # Errors
-    /// Those of [`Edit::apply`].
     pub fn apply(&mut self, edit: &Edit, name: &str, why: &str) -> Result<&Step, Error> {
         let before = self.model.len();
         let order = matches!(edit, Edit::MortonOrder).then(|| super::order::morton(&self.model.means));

@@ -1,33 +1,36 @@
 //! The effects by name, with their triggers.
 
+use crate::wording::named;
 use serde::{Deserialize, Serialize};
 
-/// A part of image formation or training that not every scene needs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Effect {
-    /// Colour depends on the direction of view: SH bands 1 to 3.
-    ViewDependence,
-    /// Each photo has an exposure of its own: a 3 x 4 affine of the colours.
-    Exposure,
-    /// The photos' cameras are corrected while the model is trained.
-    Poses,
-    /// Each picture trained on leaves out Gaussians by chance.
-    Dropout,
-    /// Pictures are compared with the photos' depth maps, too.
-    Depth,
-    /// Gaussians smaller than a pixel keep their energy.
-    Antialias,
-    /// Photos are undistorted.
-    Distortion,
-    /// Alpha is opacity over the background.
-    Transparency,
-    /// Masked parts of photos are not trained on.
-    Masks,
-    /// Photos have several sizes or intrinsics.
-    Cameras,
-    /// Each tile orders Gaussians by the depths along its own ray.
-    DepthOrder,
+named! {
+    /// A part of image formation or training that not every scene needs.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Effect {
+        /// Colour depends on the direction of view: SH bands 1 to 3.
+        ViewDependence = "view_dependence",
+        /// Each photo has an exposure of its own: a 3 x 4 affine of the colours.
+        Exposure = "exposure",
+        /// The photos' cameras are corrected while the model is trained.
+        Poses = "poses",
+        /// Each picture trained on leaves out Gaussians by chance.
+        Dropout = "dropout",
+        /// Pictures are compared with the photos' depth maps, too.
+        Depth = "depth",
+        /// Gaussians smaller than a pixel keep their energy.
+        Antialias = "antialias",
+        /// Photos are undistorted.
+        Distortion = "distortion",
+        /// Alpha is opacity over the background.
+        Transparency = "transparency",
+        /// Masked parts of photos are not trained on.
+        Masks = "masks",
+        /// Photos have several sizes or intrinsics.
+        Cameras = "cameras",
+        /// Each tile orders Gaussians by the depths along its own ray.
+        DepthOrder = "depth_order",
+    }
 }
 
 /// Condition that switches an effect on unless the user decides.
@@ -44,41 +47,9 @@ pub enum Trigger {
 }
 
 impl Effect {
-    /// All effects, in the order in which they are reported.
-    pub const ALL: [Self; 11] = [
-        Self::ViewDependence,
-        Self::Exposure,
-        Self::Poses,
-        Self::Dropout,
-        Self::Depth,
-        Self::Antialias,
-        Self::Distortion,
-        Self::Transparency,
-        Self::Masks,
-        Self::Cameras,
-        Self::DepthOrder,
-    ];
-
     /// The effects that can be switched.
     pub fn settable() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|effect| effect.trigger() != Trigger::Always)
-    }
-
-    /// The effect's name in files and on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::ViewDependence => "view_dependence",
-            Self::Exposure => "exposure",
-            Self::Poses => "poses",
-            Self::Dropout => "dropout",
-            Self::Depth => "depth",
-            Self::Antialias => "antialias",
-            Self::Distortion => "distortion",
-            Self::Transparency => "transparency",
-            Self::Masks => "masks",
-            Self::Cameras => "cameras",
-            Self::DepthOrder => "depth_order",
-        }
     }
 
     /// Condition that switches the effect on unless the user decides.

@@ -1,31 +1,22 @@
 //! The user's decisions on effects.
 
 use super::effect::{Effect, Trigger};
-use crate::wording::unknown;
+use crate::wording::{named, unknown};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// The user's choice for one effect.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Choice {
-    /// The scene decides.
-    #[default]
-    Auto,
-    /// The effect is on.
-    On,
-    /// The effect is off.
-    Off,
-}
-
-impl Choice {
-    /// The choice's name in files and on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::On => "on",
-            Self::Off => "off",
-        }
+named! {
+    /// The user's choice for one effect.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum Choice {
+        /// The scene decides.
+        #[default]
+        Auto = "auto",
+        /// The effect is on.
+        On = "on",
+        /// The effect is off.
+        Off = "off",
     }
 }
 
@@ -36,18 +27,14 @@ pub struct Overrides(BTreeMap<Effect, Choice>);
 
 impl Overrides {
     /// Reads `NAME=on|off|auto`.
-    ///
-    /// # Errors
-    /// A sentence that names the fault.
     pub fn parse(text: &str) -> Result<(Effect, Choice), String> {
         let (name, value) = text.split_once('=').map_or((text, None), |(name, value)| (name, Some(value)));
         let name = name.trim();
         let effect = Effect::ALL.into_iter().find(|e| e.name() == name);
         let effect = effect.ok_or_else(|| unknown(name, "an effect", Effect::settable().map(Effect::name)))?;
         let value = value.ok_or_else(|| format!("write {name}=on, {name}=off or {name}=auto"))?.trim();
-        let choices = [Choice::Auto, Choice::On, Choice::Off];
-        let choice = choices.into_iter().find(|c| c.name() == value);
-        let choice = choice.ok_or_else(|| unknown(value, "a choice", choices.map(Choice::name)))?;
+        let choice = Choice::ALL.into_iter().find(|c| c.name() == value);
+        let choice = choice.ok_or_else(|| unknown(value, "a choice", Choice::ALL.map(Choice::name)))?;
         Ok((effect, choice))
     }
 
@@ -84,9 +71,6 @@ impl Overrides {
     }
 
     /// Refuses choices for effects that cannot be switched.
-    ///
-    /// # Errors
-    /// A sentence that gives the reason.
     pub fn check(&self) -> Result<(), String> {
         match self.0.keys().find(|effect| effect.trigger() == Trigger::Always) {
             Some(effect) => Err(format!(

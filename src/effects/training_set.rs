@@ -65,9 +65,6 @@ pub struct Thumbnail {
 
 impl Thumbnail {
     /// Averages squares of a photo's pixels, so that the width is at most [`THUMBNAIL_WIDTH`].
-    ///
-    /// # Errors
-    /// A photo in a file that cannot be read.
     pub fn of(photo: &Photo) -> io::Result<Self> {
         let bytes = photo.pixels.read()?;
         let (w, h) = (photo.camera.width, photo.camera.height);

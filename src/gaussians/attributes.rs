@@ -78,9 +78,6 @@ impl<T> Attributes<T> {
     }
 
     /// The results of `f` for all values, in order, or its first error.
-    ///
-    /// # Errors
-    /// The first error of `f`.
     pub fn try_map<U, E>(self, mut f: impl FnMut(T) -> Result<U, E>) -> Result<Attributes<U>, E> {
         let [sh0, sh1, sh2, sh3] = self.sh;
         Ok(Attributes {

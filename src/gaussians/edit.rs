@@ -12,6 +12,18 @@ impl Gaussians {
         Self::of_attributes(Attributes::widths(degree).map(|width| vec![0.0; n * width]), degree + 1)
     }
 
+    /// Grey balls at these places, all of one size and opacity.
+    pub fn balls(means: Vec<[f32; 3]>, log_scale: f32, opacity_logit: f32, degree: usize) -> Self {
+        let n = means.len();
+        Self {
+            means,
+            log_scales: vec![[log_scale; 3]; n],
+            rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
+            opacity_logits: vec![opacity_logit; n],
+            ..Self::zeroed(n, degree)
+        }
+    }
+
     /// The Gaussians at `indices`, in that order; an index may occur more than once.
     ///
     /// # Panics

@@ -88,14 +88,7 @@ mod tests {
             .collect();
         means.extend((0..500).map(|i| [0.0, -2.0 * i as f32 / 500.0, 0.0]));
         means.push([500.0, -800.0, 90.0]);
-        let n = means.len();
-        Gaussians {
-            means,
-            log_scales: vec![[-4.0; 3]; n],
-            rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
-            opacity_logits: vec![3.0; n],
-            sh: vec![vec![0.0; n * 3]],
-        }
+        Gaussians::balls(means, -4.0, 3.0, 0)
     }
 
     #[test]
@@ -120,13 +113,7 @@ mod tests {
 
     #[test]
     fn strange_models_have_finite_cameras() {
-        let lone = Gaussians {
-            means: vec![[1.0, 2.0, 3.0]],
-            log_scales: vec![[-3.0; 3]],
-            rotations: vec![[1.0, 0.0, 0.0, 0.0]],
-            opacity_logits: vec![-20.0],
-            sh: vec![vec![0.0; 3]],
-        };
+        let lone = Gaussians::balls(vec![[1.0, 2.0, 3.0]], -3.0, -20.0, 0);
         let mut flyaway = lone.clone();
         flyaway.means[0] = [f32::MAX, f32::MIN, 1.0];
         flyaway.log_scales[0] = [f32::MAX; 3];

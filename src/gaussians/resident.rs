@@ -23,9 +23,6 @@ impl Resident {
     }
 
     /// Uploads a model.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn upload(device: &Device, model: &Gaussians) -> Result<Self> {
         let parameters = Attributes::NAMES.zip(model.attributes());
         let parameters = parameters.try_map(|(name, values)| device.upload(name, values))?;
@@ -33,9 +30,6 @@ impl Resident {
     }
 
     /// Uploads a model without its colours. Its overlaps can be computed; it cannot be rendered.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn upload_shapes(device: &Device, model: &Gaussians) -> Result<Self> {
         let mut arrays = model.attributes();
         arrays.sh = [&[]; MAX_SH_DEGREE + 1];
@@ -44,9 +38,6 @@ impl Resident {
     }
 
     /// A model of `n` Gaussians with these arrays.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device, parameters: Attributes<Buffer<f32>>, degree: usize, n: usize) -> Result<Self> {
         Ok(Self { count: Self::count_of(device, n)?, parameters, degree, len: n })
     }
@@ -62,9 +53,6 @@ impl Resident {
     }
 
     /// Downloads the model.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn download(&self, device: &Device) -> Result<Gaussians> {
         let parameters = self.parameters.each_ref().try_map(|values| values.read(device))?;
         Ok(Gaussians::of_attributes(parameters, self.degree + 1))

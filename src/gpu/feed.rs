@@ -29,9 +29,6 @@ impl<T: Pod> Feed<T> {
     }
 
     /// Memory for `parts` recordings in flight, each with up to `len` values.
-    ///
-    /// # Errors
-    /// [`Error::OutOfMemory`].
     pub fn new(device: &Device, name: &str, len: usize, parts: usize) -> Result<Self, Error> {
         let (device, name) = (device.clone(), name.to_owned());
         let mut feed = Self { device, name, parts: Vec::with_capacity(parts), len, element: PhantomData };

@@ -25,9 +25,6 @@ impl<T: Pod> Readback<T> {
     /// Submits a recording, followed by copies of the first elements of each buffer, one behind the other. A submission
     /// not yet waited for is waited for first.
     ///
-    /// # Errors
-    /// Device errors.
-    ///
     /// # Panics
     /// If a buffer holds fewer elements than asked for, or this memory too few.
     pub fn submit(
@@ -52,9 +49,6 @@ impl<T: Pod> Readback<T> {
 
     /// Waits for the pending submission, if any; returns the results and the time of its scopes. Elements that no
     /// submission wrote are undefined.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn wait(&mut self) -> Result<(&[T], Timings), Error> {
         let timings = self.under_way.take().map_or_else(|| Ok(Timings::default()), Ticket::wait)?;
         let values = &bytemuck::cast_slice(&self.raw.mapped()[..self.len * size_of::<T>()])[..self.len];
@@ -64,9 +58,6 @@ impl<T: Pod> Readback<T> {
 
 impl Device {
     /// Host memory for `len` elements of results.
-    ///
-    /// # Errors
-    /// [`Error::OutOfMemory`].
     pub fn readback<T: Pod>(&self, name: &str, len: usize) -> Result<Readback<T>, Error> {
         let bytes = len as u64 * size_of::<T>() as u64;
         let usage = vk::BufferUsageFlags::TRANSFER_DST;

@@ -20,9 +20,6 @@ pub fn staging_bytes(bytes: u64) -> u64 {
 
 impl<T: Pod> Buffer<T> {
     /// Passes the first `count` elements to `look` part by part, with the offset of each part; waits for the device.
-    ///
-    /// # Errors
-    /// Device errors; memory for staging.
     pub fn read_parts(&self, device: &Device, count: usize, mut look: impl FnMut(usize, &[T])) -> Result<(), Error> {
         let size = size_of::<T>();
         let count = count.min(self.len());
@@ -49,9 +46,6 @@ impl<T: Pod> Buffer<T> {
     }
 
     /// Copies the first `count` elements to the host; waits for the device.
-    ///
-    /// # Errors
-    /// Device errors; memory for staging.
     pub fn read_first(&self, device: &Device, count: usize) -> Result<Vec<T>, Error> {
         let mut out = Vec::with_capacity(count.min(self.len()));
         self.read_parts(device, count, |_, values| out.extend_from_slice(values))?;
@@ -59,17 +53,11 @@ impl<T: Pod> Buffer<T> {
     }
 
     /// Copies everything to the host; waits for the device.
-    ///
-    /// # Errors
-    /// Device errors; memory for staging.
     pub fn read(&self, device: &Device) -> Result<Vec<T>, Error> {
         self.read_first(device, self.len())
     }
 
     /// Copies `data` into the buffer from its start; waits for the device.
-    ///
-    /// # Errors
-    /// Device errors; memory for staging.
     ///
     /// # Panics
     /// If `data` is longer than the buffer.
@@ -95,9 +83,6 @@ impl<T: Pod> Buffer<T> {
 
 impl Device {
     /// A buffer that holds `data`.
-    ///
-    /// # Errors
-    /// Errors of [`Device::buffer`]; device errors of the copy.
     pub fn upload<T: Pod>(&self, name: &str, data: &[T]) -> Result<Buffer<T>, Error> {
         let buffer = self.buffer(name, data.len())?;
         buffer.write(self, data)?;

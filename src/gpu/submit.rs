@@ -26,9 +26,6 @@ pub struct Ticket {
 
 impl Device {
     /// Submits a recording and waits for it.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn run(&self, recording: Recording) -> Result<Timings, Error> {
         let ticket = self.submit(recording)?;
         self.context().counters.round_trips.fetch_add(1, Ordering::Relaxed);
@@ -36,9 +33,6 @@ impl Device {
     }
 
     /// A buffer of `len` elements whose bytes are zero.
-    ///
-    /// # Errors
-    /// Errors of [`Device::buffer`]; device errors.
     pub fn zeros<T: Pod>(&self, name: &str, len: usize) -> Result<Buffer<T>, Error> {
         let buffer = self.buffer(name, len)?;
         let mut recording = Recording::new();
@@ -48,9 +42,6 @@ impl Device {
     }
 
     /// Submits a recording. Recordings run in the order of their submission.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn submit(&self, mut recording: Recording) -> Result<Ticket, Error> {
         let context = self.context();
         if context.queue.is_lost() {
@@ -120,9 +111,6 @@ impl Device {
 
 impl Ticket {
     /// Waits for the work and returns the time of its scopes.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn wait(mut self) -> Result<Timings, Error> {
         self.finish()
     }

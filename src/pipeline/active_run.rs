@@ -8,7 +8,7 @@ use super::evaluate::{Evaluator, exhibits, mean, protocol};
 use super::floaters::{FloaterCounts, of_training};
 use super::output::Output;
 use super::pair_capacity;
-use super::prune::{PruneRequest, prune_followed};
+use super::prune::{PruneRequest, prune};
 use super::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, PruneRecord, RunRecord, Times};
 use super::run_log::{LogLine, LoggedRates, RunLog};
 use super::session::Session;
@@ -92,9 +92,6 @@ impl<'a> ActiveRun<'a> {
     }
 
     /// Writes `log.jsonl` from here on.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn log(&mut self) -> Result<(), Error> {
         self.log = Some(RunLog::open(&self.output.log(), self.trainer.iteration())?);
         Ok(())
@@ -165,9 +162,6 @@ impl<'a> ActiveRun<'a> {
     }
 
     /// Prunes as configured, at any iteration. With attrition, that begins instead.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn prune_now(&mut self) -> Result<(), Error> {
         let steps = self.config.prune.as_ref().map_or(1, |p| p.iterations(self.config.schedule.iterations).len());
         self.prune(steps)
@@ -181,9 +175,6 @@ impl<'a> ActiveRun<'a> {
     }
 
     /// Mean PSNR of the held-out views with the current model, in dB.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn psnr(&mut self) -> Result<Option<f64>, Error> {
         let views = self.setup.prepared.test.iter().map(|(_, view)| view);
         let psnr = self.shown(|evaluator, model| evaluator.psnr(model, views))?;
@@ -209,9 +200,6 @@ impl<'a> ActiveRun<'a> {
     }
 
     /// Responses of the training photos to each Gaussian of the current model.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn responses(&mut self) -> Result<Responses, Error> {
         Ok(self.trainer.responses(Wanted::CHANNELS)?)
     }
@@ -240,7 +228,7 @@ impl<'a> ActiveRun<'a> {
         let keep = attrition.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
         let follow = |model: &_, facts: &_| session.watcher.pruned(model, self.config.style.mode(), facts);
-        let mut pruned = prune_followed(session.device, &mut self.trainer, pruning.responses, &request, follow)?;
+        let mut pruned = prune(session.device, &mut self.trainer, pruning.responses, &request, follow)?;
         pruned.frames_per_second_before = frames;
         pruned.attrition = attrition.map(|c| AttritionRecord { from: c.from, before: c.before });
         self.trainer.end_attrition();
@@ -296,17 +284,11 @@ impl<'a> ActiveRun<'a> {
     }
 
     /// The state needed to continue from here.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn checkpoint(&self) -> Result<Checkpoint, Error> {
         Checkpoint::new(self.trainer.snapshot()?, self.notes.clone())
     }
 
     /// Writes the model, scores it, and writes the results.
-    ///
-    /// # Errors
-    /// Device errors; a full disk.
     pub fn finish(mut self) -> Result<RunRecord, Error> {
         let Setup { session, prepared, .. } = self.setup;
         let Session { networks, watcher, .. } = *session;

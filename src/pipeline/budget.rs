@@ -51,36 +51,22 @@ pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start
     let most_grown = planned.map_or(first.saturating_mul(GROWTH), |n| n.max(first));
     let grown = if grows { most_grown.min(config.max_gaussians) } else { first };
     let size = opened.size();
-    let photos: Vec<u64> = opened.train_pixels().iter().map(|pixels| 4 * pixels).collect();
-    let degree = config.sh_degree.max(start.degree());
-    let needed = |gaussians: usize| {
-        let photos = photos.clone();
+    let fixed = TrainerNeeds {
+        size,
+        photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
+        degree: config.sh_degree.max(start.degree()),
         // Which effects the scene calls for is not known yet.
-        let exposure = config.effects.allow(Effect::Exposure);
-        let masked = opened.scene.has_masks();
-        let pairs = pair_capacity::estimate(device, gaussians);
-        let pruning = config.prune.as_ref().map_or(0, |p| studied(gaussians, &p.compression));
-        let (style, halves) = (effects::style(|effect| config.effects.allow(effect)), schedule.halves(1));
-        let trainer = TrainerNeeds {
-            gaussians,
-            tail: 0,
-            pairs,
-            size,
-            photos,
-            depths: if config.effects.allow(Effect::Depth) { opened.depth_bytes() } else { 0 },
-            degree,
-            exposure,
-            poses: config.effects.allow(Effect::Poses),
-            masked,
-            method: method.clone(),
-            style,
-            halves,
-            grows,
-            pruning,
-            evaluation: Evaluator::bytes(device, gaussians, size, style),
-        };
-        Trainer::bytes(device, &trainer)
+        exposure: config.effects.allow(Effect::Exposure),
+        poses: config.effects.allow(Effect::Poses),
+        depths: if config.effects.allow(Effect::Depth) { opened.depth_bytes() } else { 0 },
+        masked: opened.scene.has_masks(),
+        method,
+        style: effects::style(|effect| config.effects.allow(effect)),
+        halves: schedule.halves(1),
+        grows,
+        ..TrainerNeeds::default()
     };
+    let needed = |gaussians| bytes(device, config, &fixed, gaussians, 0);
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
     let expected = grown.max(now);
     let fitting = largest(expected.max(config.max_gaussians), |n| needed(n) <= device.memory_limit());
@@ -105,13 +91,10 @@ pub fn for_block(device: &Device, config: &RunConfig, prepared: &Prepared, snaps
     let now = snapshot.model.len() - tail;
     let planned = schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(now.saturating_mul(GROWTH));
     let gaussians = if grows { planned.min(config.max_gaussians).max(now) } else { now };
-    let size = camera::largest(prepared.train.iter().map(|photo| &photo.camera));
-    let photos = prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect();
     let degree = config.sh_degree.max(snapshot.model.degree());
-    let depths = depth_bytes(config, prepared);
-    let needed = Fixed { config, size, photos, masked: prepared.scene.has_masks(), degree, grows, depths }
-        .bytes(device, gaussians, tail);
-    check(device, "the block", gaussians + tail, size, needed, Relief::MoreBlocks)
+    let fixed = TrainerNeeds { degree, grows, ..of_block(config, prepared) };
+    let needed = bytes(device, config, &fixed, gaussians, tail);
+    check(device, "the block", gaussians + tail, fixed.size, needed, Relief::MoreBlocks)
 }
 
 /// The least number of blocks of which each fits the device, on photos of at most `size` and `pixels` in all, for a scene with
@@ -120,31 +103,19 @@ pub fn for_block(device: &Device, config: &RunConfig, prepared: &Prepared, snaps
 /// # Errors
 /// [`Error::Memory`] if even small blocks do not fit.
 pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial: usize) -> Result<usize, Error> {
-    let size = camera::largest(prepared.train.iter().map(|photo| &photo.camera));
     let planned = config.schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(initial.saturating_mul(GROWTH));
     let whole = planned.min(config.max_gaussians).max(initial);
-    let photos = prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect();
-    let masked = prepared.scene.has_masks();
-    let fixed = Fixed {
-        config,
-        size,
-        photos,
-        masked,
-        degree: config.sh_degree,
-        grows: true,
-        depths: depth_bytes(config, prepared),
-    };
+    let fixed = of_block(config, prepared);
     let needed = |blocks: usize| {
         let gaussians = (whole as f64 / blocks as f64 * if blocks > 1 { GROWN } else { 1.0 }).ceil() as usize;
         let tail = (2 * gaussians).min(whole.saturating_sub(gaussians));
-        fixed.bytes(device, gaussians, tail)
+        bytes(device, config, &fixed, gaussians, tail)
     };
     let fits = (1..=MOST_BLOCKS).find(|blocks| needed(*blocks) <= device.memory_limit());
     match fits {
         Some(blocks) => Ok(blocks),
-        None => {
-            check(device, "the smallest block", whole / MOST_BLOCKS, size, needed(MOST_BLOCKS), Relief::None).map(|_| 1)
-        }
+        None => check(device, "the smallest block", whole / MOST_BLOCKS, fixed.size, needed(MOST_BLOCKS), Relief::None)
+            .map(|_| 1),
     }
 }
 
@@ -154,42 +125,34 @@ fn depth_bytes(config: &RunConfig, prepared: &Prepared) -> u64 {
     if config.depth_loss { maps.map(|map| 4 * map.depths.len() as u64).sum() } else { 0 }
 }
 
-/// Inputs to a block's memory needs, besides its numbers of Gaussians.
-struct Fixed<'a> {
-    config: &'a RunConfig,
-    size: [u32; 2],
-    photos: Vec<u64>,
-    masked: bool,
-    degree: usize,
-    grows: bool,
-    /// Bytes of the depth maps that are trained on.
-    depths: u64,
+/// What a block that grows needs, besides what its numbers of Gaussians decide.
+fn of_block(config: &RunConfig, prepared: &Prepared) -> TrainerNeeds {
+    TrainerNeeds {
+        size: camera::largest(prepared.train.iter().map(|photo| &photo.camera)),
+        photos: prepared.train.iter().map(|photo| 4 * photo.camera.pixels()).collect(),
+        degree: config.sh_degree,
+        exposure: config.exposure,
+        poses: config.poses,
+        depths: depth_bytes(config, prepared),
+        masked: prepared.scene.has_masks(),
+        style: config.style,
+        halves: config.schedule.halves(1),
+        grows: true,
+        ..TrainerNeeds::default()
+    }
 }
 
-impl Fixed<'_> {
-    /// Bytes of a run with these numbers of Gaussians, trained and seen.
-    fn bytes(&self, device: &Device, gaussians: usize, tail: usize) -> u64 {
-        let &Self { config, size, masked, degree, grows, .. } = self;
-        let needs = TrainerNeeds {
-            gaussians,
-            tail,
-            pairs: pair_capacity::estimate(device, gaussians + tail),
-            size,
-            photos: self.photos.clone(),
-            depths: self.depths,
-            degree,
-            exposure: config.exposure,
-            poses: config.poses,
-            masked,
-            method: None,
-            style: config.style,
-            halves: config.schedule.halves(1),
-            grows,
-            pruning: config.prune.as_ref().map_or(0, |p| studied(gaussians, &p.compression)),
-            evaluation: Evaluator::bytes(device, gaussians + tail, size, config.style),
-        };
-        Trainer::bytes(device, &needs)
-    }
+/// Bytes of a run with these numbers of Gaussians, trained and seen.
+fn bytes(device: &Device, config: &RunConfig, fixed: &TrainerNeeds, gaussians: usize, tail: usize) -> u64 {
+    let needs = TrainerNeeds {
+        gaussians,
+        tail,
+        pairs: pair_capacity::estimate(device, gaussians + tail),
+        pruning: config.prune.as_ref().map_or(0, |p| studied(gaussians, &p.compression)),
+        evaluation: Evaluator::bytes(device, gaussians + tail, fixed.size, fixed.style),
+        ..fixed.clone()
+    };
+    Trainer::bytes(device, &needs)
 }
 
 /// Where a job has its model.
@@ -258,7 +221,7 @@ fn studied(gaussians: usize, compression: &PruneRule) -> u64 {
 }
 
 /// Parameters of a compression's memory besides the model.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct CompressNeeds {
     /// Width and height that every picture fits in.
     pub size: [u32; 2],
@@ -276,6 +239,14 @@ pub struct CompressNeeds {
     pub style: Style,
     /// Largest number of Gaussians that are fine-tuned.
     pub trained: usize,
+}
+
+impl CompressNeeds {
+    /// Those of a pass over a scene's photos that gathers nothing yet.
+    pub fn of_photos(opened: &Opened) -> Self {
+        let photos = opened.train_pixels().iter().map(|pixels| 4 * pixels).collect();
+        Self { size: opened.size(), photos, masked: opened.scene.has_masks(), ..Self::default() }
+    }
 }
 
 /// Where the model is in a compression: whole on the device if all stages have room for it there, fine-tuning excepted.
@@ -305,21 +276,14 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
 
     let trainer = TrainerNeeds {
         gaussians: trained,
-        tail: 0,
         pairs: pair_capacity::device_max(device, trained),
         size,
         photos,
         depths: 0,
         degree,
-        exposure: false,
-        poses: false,
         masked,
-        method: None,
         style: Style { antialias: true, ..style },
-        halves: false,
-        grows: false,
-        pruning: 0,
-        evaluation: 0,
+        ..TrainerNeeds::default()
     };
     let trains = if trained > 0 { Trainer::bytes(device, &trainer) } else { 0 };
     let shapes = staged(Resident::bytes(gaussians, 0));

@@ -70,9 +70,6 @@ pub struct Checkpoint {
 
 impl Checkpoint {
     /// Joins a snapshot with the run's notes.
-    ///
-    /// # Errors
-    /// [`Error::Encode`].
     pub fn new(mut snapshot: Snapshot, notes: RunNotes) -> Result<Self, Error> {
         snapshot.notes.extend(notes.to_text().map_err(|e| Error::encoding("the checkpoint's notes", e))?);
         Ok(Self { snapshot, notes })
@@ -90,9 +87,6 @@ impl Checkpoint {
     }
 
     /// Writes the checkpoint whole or not at all.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn write(&self, path: &Path) -> Result<(), Error> {
         self.snapshot.write(path).map_err(Error::writing)
     }

@@ -60,9 +60,6 @@ pub struct DepthPainter<'a> {
 
 impl<'a> DepthPainter<'a> {
     /// A painter of pictures of at most `size`; `whole` if the device can hold the whole model.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(
         device: &'a Device,
         model: &Gaussians,
@@ -80,9 +77,6 @@ impl<'a> DepthPainter<'a> {
     }
 
     /// The depths that a camera sees.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn draw(&mut self, camera: &Camera) -> Result<Depths, Error> {
         let (far, colours) = colours(&self.model.means, camera);
         let source = if let Some(resident) = &self.resident {
@@ -109,9 +103,6 @@ pub fn unit(near: f32) -> f64 {
 
 impl Depths {
     /// Writes the depths beside `picture`: x.depth.npy, x.depth.png, x.median.npy and x.median.png of x.png.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn write(&self, picture: &Path, unit: f64) -> Result<(), Error> {
         for (name, depths) in [("depth", &self.expected), ("median", &self.median)] {
             let file = |extension: &str| picture.with_extension(format!("{name}.{extension}"));

@@ -125,9 +125,6 @@ impl Diagnostics {
     }
 
     /// Writes the file, whole or not at all. `model` is the one before the prune, as its file reads.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn write(&self, path: &Path, model: &Gaussians) -> Result<(), Error> {
         let encoding = |e: &dyn std::fmt::Display| Error::encoding("the diagnostics", e);
         let sum = crc32(self.records().into_iter().map(|(_, _, bytes)| bytes));

@@ -14,9 +14,6 @@ pub struct DrawSource<'a> {
 
 impl<'a> DrawSource<'a> {
     /// Uploads a model if the device holds it whole; else says that pictures are drawn in parts.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(session: &Session<'_>, model: &'a Gaussians, whole: bool) -> Result<Self, Error> {
         let Session { device, watcher, .. } = *session;
         if whole {

@@ -15,9 +15,6 @@ use std::io;
 
 /// Decides on the effects of a prepared scene, from its training photos alone; also returns the relative gains of those
 /// photos: red, green and blue.
-///
-/// # Errors
-/// Photos in a file that cannot be read.
 pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>, Vec<[f32; 3]>), Error> {
     let train = prepared.scene.split(config.eval_every).train;
     let photos: Vec<Thumbnail> =
@@ -32,9 +29,6 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
 }
 
 /// Decides on the effects of a scene on disk; photos that are absent or damaged are left out.
-///
-/// # Errors
-/// No known ones: photos are kept in memory.
 pub fn of_scene(scene: &Scene) -> Result<Vec<Decision>, Error> {
     let mut scene = scene.clone();
     // Without any photo the detectors still name what is missing.

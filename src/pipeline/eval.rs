@@ -118,9 +118,6 @@ fn assess(
 
 /// Scores a model against the pictures of `original`, in the held-out views that `qirf-vk compress` would use: the loss
 /// of a compression by any tool. Each is given with its style; the background is red, green and blue.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn against(
     session: &Session<'_>,
     [(model, style), (original, original_style)]: [(&Gaussians, Style); 2],

@@ -10,7 +10,6 @@ use super::virtual_views::{self, VirtualCameras};
 use crate::edit::{Evidence, Reason};
 use crate::gaussians::Gaussians;
 use crate::pipeline::Error;
-use crate::qirf::participation::Eigensolver;
 use crate::render::{Settings, Source, Style};
 use crate::response::{Responses, Wanted};
 use crate::scene::Photo;
@@ -50,9 +49,6 @@ impl fmt::Display for FloaterCounts {
 }
 
 /// What gives each Gaussian of a model away as a floater, if anything does, by the photos of a scene that are not held out.
-///
-/// # Errors
-/// Those of reading a scene; device memory; device errors; [`Error::Interrupted`].
 pub fn by_photos(
     session: &Session<'_>,
     model: &Gaussians,
@@ -60,16 +56,7 @@ pub fn by_photos(
     style: Style,
 ) -> Result<Vec<Option<Reason>>, Error> {
     let opened = open(selection)?;
-    let needs = CompressNeeds {
-        size: opened.size(),
-        own_pictures: false,
-        photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
-        masked: opened.scene.has_masks(),
-        wanted: WANTED,
-        solver: Eigensolver::default(), // nothing is solved
-        style,
-        trained: 0,
-    };
+    let needs = CompressNeeds { wanted: WANTED, style, ..CompressNeeds::of_photos(&opened) };
     let place = budget::for_compress(session.device, model, needs)?;
     let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
     let settings = prepared.settings(style);
@@ -112,19 +99,11 @@ fn of_photos(
     let options = Options {
         schedule: Schedule { iterations: 0, ..Schedule::default() },
         settings,
-        seed: 1,
         degree: model.degree(),
         most: model.len(),
-        tail: 0,
-        cameras: None,
-        exposure: None,
-        poses: false,
-        dropout: false,
-        depth_loss: false,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
-        averaged: 0..0,
-        method: None,
         pairs: pair_capacity::initial(session.device, model.len()),
+        ..Options::default()
     };
     let mut evidence = Evidence::new(model.len(), true);
     train::responses_by_photo(session.device, source, photos, (&options, WANTED), |number, seen| {
@@ -134,9 +113,6 @@ fn of_photos(
 }
 
 /// As [`by_photos`], in one round, of a trainer's model, which is `model`, by the photos that it trains on.
-///
-/// # Errors
-/// Device memory; device errors; photos that cannot be read; [`Error::Interrupted`].
 pub fn of_training(
     session: &Session<'_>,
     model: &Gaussians,
@@ -164,26 +140,14 @@ fn add(
 const WANTED: Wanted = Wanted { scores: true, residual: true, channels: false };
 
 /// As [`by_photos`] by a model's own pictures, with which it agrees: they show what is near one camera, and what is alone.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn by_own_pictures(
     session: &Session<'_>,
     model: &Gaussians,
     cameras: &VirtualCameras,
     style: Style,
 ) -> Result<Vec<Option<Reason>>, Error> {
-    let size = [cameras.size.0, cameras.size.1];
-    let needs = CompressNeeds {
-        size,
-        own_pictures: true,
-        photos: Vec::new(),
-        masked: false,
-        wanted: Wanted::SCORES,
-        solver: Eigensolver::default(), // nothing is solved
-        style,
-        trained: 0,
-    };
+    let (size, wanted) = ([cameras.size.0, cameras.size.1], Wanted::SCORES);
+    let needs = CompressNeeds { size, own_pictures: true, wanted, style, ..CompressNeeds::default() };
     let place = budget::for_compress(session.device, model, needs)?;
     let (cameras, settings) = cameras.views(model, [0.0; 3], style);
     let shown = DrawSource::new(session, model, place.whole)?;

@@ -21,19 +21,11 @@ const SIDE: u32 = 1024;
 
 /// What the device's compiler makes of the kernels of an iteration, a response pass with scores, and a prune by each kind of
 /// solver, with SH of degree 3. The device must have been opened with [`crate::gpu::DeviceOptions::compile_only`].
-///
-/// # Errors
-/// Device memory; a driver that refuses a kernel.
 pub fn compiled(device: &Device) -> Result<Vec<Compiled>, Error> {
     let degree = 3;
     let along = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
-    let model = Gaussians {
-        means: (0..GAUSSIANS).map(|i| [along(i, 0), along(i, 1), along(i, 2)]).collect(),
-        log_scales: vec![[-4.0; 3]; GAUSSIANS],
-        rotations: vec![[1.0, 0.0, 0.0, 0.0]; GAUSSIANS],
-        opacity_logits: vec![0.0; GAUSSIANS],
-        sh: (0..=degree).map(|l| vec![0.0; GAUSSIANS * Gaussians::band_width(l)]).collect(),
-    };
+    let means = (0..GAUSSIANS).map(|i| [along(i, 0), along(i, 1), along(i, 2)]).collect();
+    let model = Gaussians::balls(means, -4.0, 0.0, degree);
     let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, SIDE, SIDE);
     let photo = Photo::opaque(camera, vec![0; (SIDE * SIDE * 4) as usize]);
     let options = Options { schedule: Schedule::default(), degree, ..Options::default() };

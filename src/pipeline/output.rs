@@ -8,11 +8,40 @@ use std::path::{Path, PathBuf};
 /// A folder of results.
 pub struct Output(PathBuf);
 
+/// Paths in the folder.
+macro_rules! paths {
+    ($($(#[$doc:meta])* $name:ident: $file:literal,)*) => {
+        impl Output {
+            $($(#[$doc])* pub fn $name(&self) -> PathBuf {
+                self.0.join($file)
+            })*
+        }
+    };
+}
+
+paths! {
+    /// The checkpoint.
+    checkpoint: "checkpoint.safetensors",
+    /// The configuration.
+    config: "config.toml",
+    /// The trained model.
+    model: "model.ply",
+    /// The model packed into a wanted size.
+    packed: "model.sog",
+    /// The figures.
+    metrics: "metrics.json",
+    /// The log of a run in progress.
+    log: "log.jsonl",
+    /// The report.
+    report: "report.html",
+    /// The folder of pictures.
+    renders: "renders",
+    /// The scene of a run on photos without poses.
+    scene: "scene",
+}
+
 impl Output {
     /// Opens a folder, created if absent. Temporary files that a killed program left there are removed.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn new(folder: &Path) -> Result<Self, Error> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
         let output = Self(folder.to_owned());
@@ -27,63 +56,12 @@ impl Output {
         &self.0
     }
 
-    /// The checkpoint.
-    pub fn checkpoint(&self) -> PathBuf {
-        self.0.join("checkpoint.safetensors")
-    }
-
-    /// The configuration.
-    pub fn config(&self) -> PathBuf {
-        self.0.join("config.toml")
-    }
-
-    /// The trained model.
-    pub fn model(&self) -> PathBuf {
-        self.0.join("model.ply")
-    }
-
-    /// The model packed into a wanted size.
-    pub fn packed(&self) -> PathBuf {
-        self.0.join("model.sog")
-    }
-
-    /// The figures.
-    pub fn metrics(&self) -> PathBuf {
-        self.0.join("metrics.json")
-    }
-
-    /// The log of a run in progress.
-    pub fn log(&self) -> PathBuf {
-        self.0.join("log.jsonl")
-    }
-
-    /// The report.
-    pub fn report(&self) -> PathBuf {
-        self.0.join("report.html")
-    }
-
-    /// The folder of pictures.
-    pub fn renders(&self) -> PathBuf {
-        self.0.join("renders")
-    }
-
-    /// The scene of a run on photos without poses.
-    pub fn scene(&self) -> PathBuf {
-        self.0.join("scene")
-    }
-
     /// Writes `document` as JSON, whole or not at all; `what` names it in errors.
-    ///
-    /// # Errors
-    /// [`Error::Encode`]; [`Error::Write`].
     pub fn json(path: &Path, what: &'static str, document: &impl Serialize) -> Result<(), Error> {
         Self::text(path, &serde_json::to_string_pretty(document).map_err(|e| Error::encoding(what, e))?)
     }
 
     /// Writes a text file whole or not at all.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn text(path: &Path, text: &str) -> Result<(), Error> {
         formats::write_atomically(path, |out| out.write_all(text.as_bytes())).map_err(Error::writing)
     }
@@ -104,9 +82,6 @@ pub fn same_place(a: &Path, b: &Path) -> bool {
 }
 
 /// Makes a scene's path absolute, and that of its photo folder where this is not one within the scene.
-///
-/// # Errors
-/// As [`absolute`].
 pub fn from_root(scene: &mut PathBuf, images: &mut Option<PathBuf>) -> Result<(), Error> {
     *scene = absolute(scene)?;
     if let Some(images) = images.as_mut().filter(|images| !scene.join(images).exists()) {

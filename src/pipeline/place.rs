@@ -7,9 +7,6 @@ use glam::DVec3;
 use std::path::Path;
 
 /// Lets the means of a model, which count from `from` in the world, count from where the coordinates of a scene do.
-///
-/// # Errors
-/// A scene that cannot be read.
 pub fn place(model: &mut Gaussians, from: &mut [f64; 3], (scene, images): (&Path, Option<&Path>)) -> Result<(), Error> {
     let near = *from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO;
     if !near {

@@ -77,9 +77,6 @@ impl Prepared {
 }
 
 /// Reads `W` or `/K`.
-///
-/// # Errors
-/// A sentence that names the fault.
 pub fn resolution(text: &str) -> Result<Resize, String> {
     let number = |t: &str| t.parse::<u32>().ok().filter(|n| *n > 0);
     let read = match text.strip_prefix('/') {

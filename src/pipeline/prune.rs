@@ -28,24 +28,9 @@ pub struct PruneRequest<'a> {
     pub seed: u32,
 }
 
-/// Prunes a model in training, with responses from `source`.
-///
-/// # Errors
-/// Device memory; device errors.
+/// Prunes a model in training, with responses from `source`; `follow` is called with the model before the prune and what became
+/// of its Gaussians.
 pub fn prune(
-    device: &Device,
-    trainer: &mut Trainer,
-    source: ResponseSource,
-    request: &PruneRequest<'_>,
-) -> Result<PruneRecord, Error> {
-    prune_followed(device, trainer, source, request, |_, _| Ok(()))
-}
-
-/// As [`prune`]; `follow` is called with the model before the prune and what became of its Gaussians.
-///
-/// # Errors
-/// Device memory; device errors; those of `follow`.
-pub fn prune_followed(
     device: &Device,
     trainer: &mut Trainer,
     source: ResponseSource,
@@ -71,11 +56,8 @@ fn respond(trainer: &mut Trainer, source: ResponseSource, selector: Selector) ->
     }
 }
 
-/// Prunes a model in training with given responses; `follow` is as in [`prune_followed`], and is not called if only a part of the
+/// Prunes a model in training with given responses; `follow` is as in [`prune`], and is not called if only a part of the
 /// model is chosen from.
-///
-/// # Errors
-/// Device memory; device errors; those of `follow`.
 pub fn prune_by(
     device: &Device,
     trainer: &mut Trainer,
@@ -140,9 +122,6 @@ impl PrunePlan {
 
 /// Decides which Gaussians of `model` to keep; `source` says where it is shown from. Studies its blocks (partition, overlap,
 /// solution), selects, and merges if requested.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn plan(
     device: &Device,
     source: Source<'_>,
@@ -227,11 +206,9 @@ fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
     }
     let (spectrum, spectrum_spread) = mean_and_spread(&c.energies);
     PruneRecord {
-        iteration: 0,
         selector,
         before: choice.keep.len(),
         after: choice.kept(),
-        attrition: None,
         detail: choice.detail,
         blocks: blocks.len(),
         voxel: study.partitioned.voxel,
@@ -248,9 +225,6 @@ fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
             unseen_blocks: c.unseen,
             repaired_values: c.repaired,
         },
-        merged: None,
-        pairs: None,
-        frames_per_second_before: None,
         seconds: PruneSeconds {
             partition: study.seconds.partition,
             overlap: study.seconds.overlap,
@@ -260,6 +234,7 @@ fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
             assemble_and_solve: study.seconds.wall,
             ..PruneSeconds::default()
         },
+        ..PruneRecord::default()
     }
 }
 

@@ -29,9 +29,6 @@ pub fn near_at(usual: f32, distance: f64) -> f32 {
 }
 
 /// One picture of a model, wherever the model fits.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn picture(session: &Session<'_>, model: &Gaussians, settings: Settings, camera: &Camera) -> Result<Image, Error> {
     let size = [camera.width, camera.height];
     let place = budget::for_pictures(session.device, model, size, settings.style)?;

@@ -56,9 +56,6 @@ pub struct RunLog {
 
 impl RunLog {
     /// Opens the log of a run that goes on after `iteration`: earlier lines stay, others go.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn open(path: &Path, iteration: u32) -> Result<Self, Error> {
         let before = if iteration == 0 { String::new() } else { std::fs::read_to_string(path).unwrap_or_default() };
         let stays = |line: &&str| serde_json::from_str::<LogLine>(line).is_ok_and(|line| line.iteration <= iteration);
@@ -80,9 +77,6 @@ impl RunLog {
     }
 
     /// Adds a line; readers see it at once.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn add(&mut self, line: &LogLine) -> Result<(), Error> {
         let text = serde_json::to_string(line).map_err(|e| Error::encoding("log.jsonl", e))?;
         let path = || self.path.clone();

@@ -99,9 +99,6 @@ impl<'a> Setup<'a> {
 
 /// The device with the tuning that a run is to have: with `resume` that of the run in `output`, else the configuration's.
 /// A tuning that does not fit is reported and replaced by the device's own.
-///
-/// # Errors
-/// A `config.toml` that cannot be read.
 pub fn tuned(session: &Session<'_>, config: &RunConfig, output: &Output, resume: bool) -> Result<Device, Error> {
     let earlier = output.config();
     let wanted = if resume && earlier.exists() { RunConfig::read(&earlier)?.tuning } else { config.tuning.clone() };

@@ -27,9 +27,6 @@ pub enum Start {
 impl Start {
     /// The initial state that the configuration selects for a scene with this number of points and training pictures of at
     /// most `pixels` pixels.
-    ///
-    /// # Errors
-    /// A model that cannot be read.
     pub fn of(config: &RunConfig, points: usize, pixels: u64) -> Result<Self, Error> {
         Ok(match &config.init {
             Init::Model(path) => Self::Model(formats::read(path)?.gaussians),

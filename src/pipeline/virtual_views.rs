@@ -96,9 +96,6 @@ pub struct OwnPictures {
 impl OwnPictures {
     /// Draws the pictures, of the views held out those with these numbers; cameras and settings are those of
     /// [`VirtualCameras::views`].
-    ///
-    /// # Errors
-    /// Device memory; device errors; [`Error::Interrupted`].
     pub fn draw(
         session: &Session<'_>,
         model: Source<'_>,
@@ -137,9 +134,6 @@ pub fn photo(image: &Image) -> Pixels {
 
 /// Responses of a model to its own pictures and scores, as `wanted`: a pass over the cameras. With `of`, they are a chunk of so many,
 /// as [`Views::of`].
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn responses<'m>(
     session: &Session<'_>,
     model: impl Into<Source<'m>>,

@@ -30,9 +30,6 @@ pub trait Watcher {
     /// Views whose responses are computed so far, and their total.
     fn responding(&self, _done: usize, _total: usize) {}
     /// Called after each prune: the model before it, how that has to be drawn, and what became of its Gaussians.
-    ///
-    /// # Errors
-    /// Those of the watcher's own files.
     fn pruned(&self, _before: &Gaussians, _mode: RenderMode, _diagnostics: &Diagnostics) -> Result<(), Error> {
         Ok(())
     }
@@ -50,9 +47,6 @@ pub trait Watcher {
     }
 
     /// Ends work that has nothing to save, if the watcher wants it to stop.
-    ///
-    /// # Errors
-    /// [`Error::Interrupted`].
     fn unless_stopped(&self) -> Result<(), Error> {
         if self.stop() { Err(Error::Interrupted) } else { Ok(()) }
     }

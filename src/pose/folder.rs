@@ -85,9 +85,6 @@ impl Folder {
     }
 
     /// Makes the folder; removes what an earlier job on other photos left in it.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn begin(&mut self) -> Result<(), Error> {
         if let Some(photos) = self.stale.take() {
             for name in photos {
@@ -105,9 +102,6 @@ impl Folder {
     }
 
     /// Notes that all photos are in the folder of images.
-    ///
-    /// # Errors
-    /// [`Error::Write`]; likewise below.
     pub fn placed(&mut self, names: Vec<String>) -> Result<(), Error> {
         self.record.photos = names;
         self.write()

@@ -37,9 +37,6 @@ impl Source {
     }
 
     /// The rigs that took the photos: those of a file beside them, or, if `asked`, folders with photos of the same names.
-    ///
-    /// # Errors
-    /// As [`Rig::of`].
     pub fn rig(&self, asked: bool) -> Result<Option<Rig>, Error> {
         match self {
             Self::Photos { folder, tree } => Rig::of(folder, &tree.names, asked),
@@ -60,9 +57,6 @@ impl Source {
     }
 
     /// The key that identifies these photos, and what they were taken by, if it is known.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
     pub fn key(&self, rig: Option<String>) -> Result<Key, Error> {
         let (files, frames): (Vec<(PathBuf, String)>, _) = match self {
             Self::Photos { folder, tree } => (tree.names.iter().map(|n| (folder.join(n), n.clone())).collect(), None),

@@ -16,9 +16,6 @@ pub struct Count {
 impl Count {
     /// A count of at most `limit`; dispatches may take `WORKGROUP` or any of up to three `sizes` elements per group.
     ///
-    /// # Errors
-    /// Device memory.
-    ///
     /// # Panics
     /// If there are more than three sizes.
     pub fn new(device: &Device, name: &str, limit: u32, sizes: &[u32]) -> Result<Self> {
@@ -34,9 +31,6 @@ impl Count {
     }
 
     /// A count that the host knows.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn known(device: &Device, name: &str, count: u32, sizes: &[u32]) -> Result<Self> {
         let made = Self::new(device, name, u32::MAX, sizes)?;
         let mut recording = Recording::new();

@@ -34,9 +34,6 @@ pub struct Copy {
 
 impl Copy {
     /// Two buffers of this many words, each at most the device's largest.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device, words: usize, by: By) -> Result<Self> {
         let (from, to) = (device.buffer("rates: from", words)?, device.buffer("rates: to", words)?);
         let mut recording = Recording::new();
@@ -94,9 +91,6 @@ impl Chain {
     pub const DISPATCHES: u32 = 200;
 
     /// Two buffers of a workgroup's words.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device) -> Result<Self> {
         let workgroup = device.tuning().copy_workgroup;
         let words = || device.zeros("rates: chain", workgroup as usize);
@@ -123,9 +117,6 @@ pub struct MultiplyAdd {
 
 impl MultiplyAdd {
     /// Enough work to make its start negligible.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device) -> Result<Self> {
         let (groups, rounds) = (device.tuning().multiply_workgroups, device.tuning().multiply_rounds);
         Ok(Self { sums: device.buffer("rates: sums", (groups * WORKGROUP) as usize)?, rounds })
@@ -153,9 +144,6 @@ impl MultiplyAdd {
     }
 
     /// The sums, all equal to `CHAINS` once the chains have settled.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn sums(&self, device: &Device) -> Result<Vec<f32>> {
         self.sums.read(device)
     }

@@ -49,9 +49,6 @@ impl Scan {
     }
 
     /// Scratch memory for scans of up to `capacity` words.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, capacity: u32) -> Result<Self> {
         let (workgroup, rows) = (device.tuning().scan_workgroup, device.tuning().scan_rows);
         let blocks = capacity.div_ceil(workgroup * rows);

@@ -27,9 +27,6 @@ impl Pairs {
     }
 
     /// Room for `capacity` pairs.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, name: &str, capacity: u32) -> Result<Self> {
         let room = || device.buffer(name, capacity as usize);
         Ok(Self { keys: room()?, values: room()? })
@@ -102,9 +99,6 @@ impl Sort {
     }
 
     /// Scratch memory for sorts of up to `capacity` pairs.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, capacity: u32) -> Result<Self> {
         let shape = Shape::of(device, capacity);
         let digits = shape.digits(capacity);

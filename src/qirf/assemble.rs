@@ -223,18 +223,12 @@ impl<'a> Assembly<'a> {
     }
 
     /// Host memory for the matrices of one batch.
-    ///
-    /// # Errors
-    /// Memory.
     pub fn readback(&self) -> Result<Readback<f32>> {
         let floats = |b: &Batch| self.counts(b).iter().sum();
         self.device.readback("block matrices", self.batches.iter().map(floats).max().unwrap_or(0))
     }
 
     /// Starts a batch.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn submit(&self, batch: &Batch, readback: &mut Readback<f32>) -> Result<()> {
         let mut recording = Recording::new();
         self.record(&mut recording, batch);
@@ -275,9 +269,6 @@ impl<'a> Assembly<'a> {
     }
 
     /// Calls `body` with every batch, in order, while the device assembles the next one. Returns the device times.
-    ///
-    /// # Errors
-    /// Device errors; the first error of `body`.
     pub fn for_each<E: From<Error>>(
         &self,
         mut body: impl FnMut(&Assembled<'_>) -> std::result::Result<(), E>,

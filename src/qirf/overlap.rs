@@ -60,38 +60,26 @@ pub(super) fn record(recording: &mut Recording, arrays: &Arrays, model: &Residen
     };
     recording.dispatch(&kernel, Groups::Count((batch.members.len() as u32).div_ceil(WORKGROUP)));
     let tiles = Groups::Count(batch.tiles.len() as u32);
+    // Both formulas take the same arrays.
+    macro_rules! by {
+        ($Kernel:ident, $Push:ident, $Spec:ident) => {{
+            let kernel = $Kernel {
+                blocks: &arrays.blocks,
+                tiles: &arrays.tiles,
+                axes: &arrays.axes,
+                overlaps: &arrays.overlaps,
+                push: $Push {
+                    first_tile: batch.tiles.start as u32,
+                    tile_count: batch.tiles.len() as u32,
+                    first_member: batch.members.start as u32,
+                },
+                spec: $Spec { workgroup: arrays.rows, columns: arrays.columns },
+            };
+            recording.dispatch(&kernel, tiles);
+        }};
+    }
     match metric.method {
-        Method::Qr => recording.dispatch(&by_qr(arrays, batch), tiles),
-        Method::Determinant => recording.dispatch(&by_sum(arrays, batch), tiles),
-    }
-}
-
-fn by_qr<'a>(arrays: &'a Arrays, batch: &Batch) -> Overlap<'a> {
-    Overlap {
-        blocks: &arrays.blocks,
-        tiles: &arrays.tiles,
-        axes: &arrays.axes,
-        overlaps: &arrays.overlaps,
-        push: OverlapPush {
-            first_tile: batch.tiles.start as u32,
-            tile_count: batch.tiles.len() as u32,
-            first_member: batch.members.start as u32,
-        },
-        spec: OverlapSpec { workgroup: arrays.rows, columns: arrays.columns },
-    }
-}
-
-fn by_sum<'a>(arrays: &'a Arrays, batch: &Batch) -> OverlapBySum<'a> {
-    OverlapBySum {
-        blocks: &arrays.blocks,
-        tiles: &arrays.tiles,
-        axes: &arrays.axes,
-        overlaps: &arrays.overlaps,
-        push: OverlapBySumPush {
-            first_tile: batch.tiles.start as u32,
-            tile_count: batch.tiles.len() as u32,
-            first_member: batch.members.start as u32,
-        },
-        spec: OverlapBySumSpec { workgroup: arrays.rows, columns: arrays.columns },
+        Method::Qr => by!(Overlap, OverlapPush, OverlapSpec),
+        Method::Determinant => by!(OverlapBySum, OverlapBySumPush, OverlapBySumSpec),
     }
 }

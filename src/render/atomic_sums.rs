@@ -22,9 +22,6 @@ impl AtomicSums {
     }
 
     /// Sums of `gaussians` Gaussians, on a device that adds floats atomically.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, gaussians: usize) -> Result<Self> {
         let own: Vec<u32> = (0..gaussians as u32).collect();
         Ok(Self { own: device.upload("own rows", &own)?, sums: SlotSums::new(device, gaussians, false)? })

@@ -62,9 +62,6 @@ fn steps(slots: &[u32], many: u32) -> u64 {
 
 impl Renderer {
     /// Counts of the last picture, drawn with this camera.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn imbalance(&self, camera: &Camera) -> Result<Imbalance> {
         let (device, frame) = (self.device(), &self.frame);
         let many = device.tuning().bin_many;

@@ -196,9 +196,6 @@ impl<'a> Parts<'a> {
     }
 
     /// Draws a picture.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn render(&mut self, renderer: &mut Renderer, camera: &Camera) -> Result<Image> {
         let (width, height) = (camera.width, camera.height);
         let mut image = Image { width, height, pixels: vec![[0.0; 4]; width as usize * height as usize] };
@@ -248,17 +245,11 @@ pub struct Painter {
 
 impl Painter {
     /// A painter of models on the device with up to `gaussians` Gaussians, in pictures of at most `size`.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, settings: Settings, gaussians: usize, size: [u32; 2]) -> Result<Self> {
         Ok(Self { renderer: Renderer::new(device, settings, gaussians, size[0], size[1])?, most: gaussians })
     }
 
     /// A painter of a model, in pictures of at most `size`.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn of(device: &Device, settings: Settings, model: Source<'_>, size: [u32; 2]) -> Result<Self> {
         match model {
             Source::Device(model) => Self::new(device, settings, model.len, size),
@@ -279,9 +270,6 @@ impl Painter {
     }
 
     /// Draws a picture.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn render(&mut self, model: Source<'_>, camera: &Camera) -> Result<Image> {
         match model {
             Source::Device(model) => self.renderer.render(model, camera),

@@ -65,9 +65,6 @@ impl AsMut<Self> for Renderer {
 
 impl Renderer {
     /// A renderer with room for `gaussians` and one `width` x `height` picture.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, settings: Settings, gaussians: usize, width: u32, height: u32) -> Result<Self> {
         let pairs = (gaussians as u32).saturating_mul(4).max(LEAST_PAIRS);
         Self::with(device, settings, gaussians, ([width, height], pairs), Purpose::Pictures)
@@ -121,17 +118,11 @@ impl Renderer {
 
     /// Renders one picture. Besides the picture, only the number of pairs is read back: if they did not fit, the pair
     /// buffers grow and the picture is rendered again.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn render(&mut self, model: &Resident, camera: &Camera) -> Result<Image> {
         self.render_timed(model, camera).map(|(image, _, _)| image)
     }
 
     /// Number of Gaussians that each pixel blends, row by row. The picture is drawn as in [`Renderer::render`].
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn count_blended(&mut self, model: &Resident, camera: &Camera) -> Result<Vec<u32>> {
         self.launch.count_blended = true;
         let image = self.render(model, camera);
@@ -148,9 +139,6 @@ impl Renderer {
     }
 
     /// Renders one picture; also returns the stages' times and the number of (tile, Gaussian) pairs.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn render_timed(&mut self, model: &Resident, camera: &Camera) -> Result<(Image, Timings, u32)> {
         self.make_room(model, camera)?;
         loop {
@@ -169,9 +157,6 @@ impl Renderer {
     }
 
     /// Checks whether the pairs of the last picture fitted, and grows the pair buffers if possible.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn settle(&mut self) -> Result<Settled> {
         match self.make_room_for_pairs(self.pairs()?) {
             Ok(grown) => Ok(if grown { Settled::Grown } else { Settled::Drawn }),
@@ -181,9 +166,6 @@ impl Renderer {
     }
 
     /// Draws into device memory without reading anything back; benchmarks time this.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn draw(&self, model: &Resident, camera: &Camera) -> Result<Timings> {
         let mut recording = Recording::new();
         self.reset_overflow(&mut recording);
@@ -192,17 +174,11 @@ impl Renderer {
     }
 
     /// Number of (tile, Gaussian) pairs of the last picture, even if they did not fit.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn pairs(&self) -> Result<u32> {
         Ok(self.frame.pairs.count.value.read(&self.device)?[1])
     }
 
     /// Makes room for a model and a picture, which may need nearly all of the device: the old buffers are freed first.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn make_room(&mut self, model: &Resident, camera: &Camera) -> Result<()> {
         let pixels = camera.width as usize * camera.height as usize;
         let (had, tiles) = (self.frame.image.len(), self.tiles(camera));
@@ -216,9 +192,6 @@ impl Renderer {
     }
 
     /// Frees the buffers until [`Renderer::restore`], so that other work has memory.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn release(&mut self) -> Result<Released> {
         let (pixels, tiles) = (self.frame.image.len(), self.frame.tiles());
         let released = Released { picture: (pixels, tiles), pairs: self.frame.pairs.count.limit() };
@@ -227,9 +200,6 @@ impl Renderer {
     }
 
     /// Restores room for pictures and pairs as before [`Renderer::release`], and for `gaussians` Gaussians.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn restore(&mut self, released: Released, gaussians: usize) -> Result<()> {
         self.rebuild(gaussians, released.picture, released.pairs)
     }
@@ -282,9 +252,6 @@ impl Renderer {
 
     /// Makes room for at least `pairs` pairs. Returns true if the buffers were replaced, which invalidates earlier
     /// recordings.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn make_room_for_pairs(&mut self, pairs: u32) -> Result<bool> {
         let grow = pairs > self.frame.pairs.count.limit();
         if grow {

@@ -42,9 +42,6 @@ impl AsMut<Renderer> for TrainingRenderer {
 
 impl TrainingRenderer {
     /// A renderer with room for `gaussians`, one picture of `size` (width and height), and initially `pairs` (tile, Gaussian) pairs.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, settings: Settings, gaussians: usize, size: [u32; 2], pairs: u32) -> Result<Self> {
         Self::with(device, settings, gaussians, (size, pairs), Purpose::Training)
     }
@@ -72,9 +69,6 @@ impl TrainingRenderer {
     }
 
     /// Makes room for the sums from which responses and scores are gathered.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn make_room_for_responses(&mut self) -> Result<()> {
         let Renderer { device, frame, uses, .. } = &mut self.renderer;
         uses.responses = true;
@@ -113,9 +107,6 @@ impl TrainingRenderer {
     }
 
     /// Counters of the backward passes since their last reset.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn backward_counts(&self) -> Result<BackwardCounts> {
         Ok(BackwardCounts::of(&self.guards.read(self.device())?))
     }

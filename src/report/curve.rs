@@ -1,7 +1,8 @@
 //! The page of a curve: quality against bytes.
 
 use super::format::{NONE, bytes, count, decimals};
-use super::page::{self, Column, Section, table};
+use super::page::Column::{self, Number, Text};
+use super::page::{self, Section, list, table};
 use super::plot::{Axis, Drawing, Line, Lines};
 use crate::pipeline::records::{CurveRecord, FileRecord};
 use maud::Markup;
@@ -53,29 +54,19 @@ pub fn drawing(record: &CurveRecord, title: &str) -> Drawing {
 }
 
 fn files(record: &CurveRecord) -> Markup {
-    let columns = [
-        Column::Text("tool"),
-        Column::Text("format"),
-        Column::Number("asked"),
-        Column::Number("file"),
-        Column::Number("Gaussians"),
-        Column::Number("PSNR / dB"),
-        Column::Number("SSIM"),
-        Column::Number("LPIPS"),
-    ];
-    let row = |file: &FileRecord| {
-        vec![
-            file.tool.clone(),
-            file.format.clone(),
-            file.wanted.map_or_else(|| NONE.to_owned(), bytes),
-            bytes(file.bytes),
-            count(file.gaussians),
-            decimals(file.scores.psnr, 2),
-            decimals(file.scores.ssim, 4),
-            decimals(file.scores.lpips_vgg, 4),
-        ]
-    };
-    table(&columns, &record.files.iter().map(row).collect::<Vec<_>>(), None)
+    list(
+        &record.files,
+        &[
+            (Text("tool"), &|file| file.tool.clone()),
+            (Text("format"), &|file| file.format.clone()),
+            (Number("asked"), &|file| file.wanted.map_or_else(|| NONE.to_owned(), bytes)),
+            (Number("file"), &|file| bytes(file.bytes)),
+            (Number("Gaussians"), &|file| count(file.gaussians)),
+            (Number("PSNR / dB"), &|file| decimals(file.scores.psnr, 2)),
+            (Number("SSIM"), &|file| decimals(file.scores.ssim, 4)),
+            (Number("LPIPS"), &|file| decimals(file.scores.lpips_vgg, 4)),
+        ],
+    )
 }
 
 fn parts(record: &CurveRecord) -> Markup {
@@ -86,10 +77,8 @@ fn parts(record: &CurveRecord) -> Markup {
             names.push(name);
         }
     }
-    let columns: Vec<Column<'_>> = [Column::Text("format"), Column::Number("file")]
-        .into_iter()
-        .chain(names.iter().map(|name| Column::Number(name)))
-        .collect();
+    let columns: Vec<Column<'_>> =
+        [Text("format"), Number("file")].into_iter().chain(names.iter().map(|name| Number(name))).collect();
     let row = |file: &&FileRecord| {
         let part = |name: &&str| {
             let part = file.parts.iter().find(|(known, _)| known == name);
@@ -104,11 +93,13 @@ fn parts(record: &CurveRecord) -> Markup {
 }
 
 fn attributes(record: &CurveRecord) -> Markup {
-    let columns =
-        [Column::Text("format"), Column::Number("as at"), Column::Text("attribute"), Column::Number("PSNR / dB")];
-    let row = |loss: &crate::pipeline::records::AttributeLoss| {
-        let psnr = loss.psnr.map_or_else(|| "equal".to_owned(), |psnr| decimals(psnr, 1));
-        vec![loss.format.clone(), bytes(loss.wanted), loss.attribute.to_owned(), psnr]
-    };
-    table(&columns, &record.attributes.iter().map(row).collect::<Vec<_>>(), None)
+    list(
+        &record.attributes,
+        &[
+            (Text("format"), &|loss| loss.format.clone()),
+            (Number("as at"), &|loss| bytes(loss.wanted)),
+            (Text("attribute"), &|loss| loss.attribute.to_owned()),
+            (Number("PSNR / dB"), &|loss| loss.psnr.map_or_else(|| "equal".to_owned(), |psnr| decimals(psnr, 1))),
+        ],
+    )
 }

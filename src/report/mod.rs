@@ -19,9 +19,6 @@ use crate::pipeline::records::{CompressRecord, CurveRecord, RunRecord};
 
 /// Writes `report.html` of a run into its folder, from its results and the folder's pictures and `config.toml`; missing
 /// ones are left out. `viewer` is a page that draws the model.
-///
-/// # Errors
-/// [`Error::Write`].
 pub fn write(results: &RunRecord, output: &Output, viewer: Option<&str>) -> Result<(), Error> {
     Output::text(&output.report(), &of_run(results, output, viewer))
 }

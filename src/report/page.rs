@@ -119,6 +119,16 @@ pub fn table(columns: &[Column<'_>], rows: &[Vec<String>], foot: Option<&[String
     }
 }
 
+/// A column, and what it says of a thing.
+pub type Said<'a, T> = (Column<'a>, &'a dyn Fn(&T) -> String);
+
+/// A table of things.
+pub fn list<T>(things: &[T], columns: &[Said<'_, T>]) -> Markup {
+    let titles: Vec<Column<'_>> = columns.iter().map(|(column, _)| *column).collect();
+    let row = |thing| columns.iter().map(|(_, of)| of(thing)).collect();
+    table(&titles, &things.iter().map(row).collect::<Vec<_>>(), None)
+}
+
 /// A list of names and values.
 pub fn facts(facts: &[(&str, String)]) -> Markup {
     html! {

@@ -15,7 +15,7 @@ use crate::scene::camera::{self, Camera};
 pub const CHUNK: usize = 16;
 
 /// The results of a pass over all views.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
     /// Response channels, which need the backward pass.
     pub channels: bool,
@@ -176,9 +176,6 @@ impl<G> Pass<'_, G> {
 
 /// A renderer for [`full_pass`] over pictures of at most `size`, with an initial capacity of `pairs` (tile, Gaussian)
 /// pairs. For a model on the host it grows to the largest part.
-///
-/// # Errors
-/// Device memory.
 pub fn renderer(
     device: &Device,
     settings: Settings,
@@ -205,9 +202,6 @@ pub fn renderer(
 /// largest view. Squares are requested only if a residual is wanted. The model does not change. Of a model on the host,
 /// each view's visible part is sent to the device; the results are the same, bit for bit. Parts of pictures then serve
 /// only for scores without a residual. The renderer comes from [`renderer`] for the same `wanted`, or from a trainer.
-///
-/// # Errors
-/// Device memory; device errors; errors of `gradient` and of [`Views::follow`].
 pub fn full_pass<'m, E: From<Error>>(
     renderer: &mut TrainingRenderer,
     model: impl Into<Source<'m>>,

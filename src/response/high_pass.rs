@@ -18,9 +18,6 @@ impl HighPass {
     }
 
     /// Scratch memory for pictures of up to `pixels`.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, pixels: usize) -> Result<Self> {
         Ok(Self { scratch: device.buffer("blurred columns", 3 * pixels)? })
     }

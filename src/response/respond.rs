@@ -41,18 +41,12 @@ impl ResidentResponses {
     }
 
     /// Responses of zero.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn zeros(device: &Device, gaussians: usize) -> Result<Self> {
         let (values, seen) = ("responses", "responses' iterations");
         Ok(Self { values: device.zeros(values, CHANNELS * gaussians)?, seen: device.zeros(seen, gaussians)? })
     }
 
     /// Responses with these values (n) of a mean.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn upload(device: &Device, values: &[[f32; CHANNELS]]) -> Result<Self> {
         let (name, seen) = ("responses", "responses' iterations");
         Ok(Self { values: device.upload(name, values.as_flattened())?, seen: device.zeros(seen, values.len())? })
@@ -106,9 +100,6 @@ impl ResidentResponses {
     }
 
     /// The responses, one row per Gaussian; averages are decayed to the given iteration.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn read(&self, device: &Device, gather: Gather) -> Result<Vec<[f32; CHANNELS]>> {
         let mut rows = self.values.cast::<[f32; CHANNELS]>().read(device)?;
         if let Gather::Average { iteration } = gather {

@@ -57,18 +57,12 @@ impl ResidentScores {
     }
 
     /// Zero scores, before any view.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn zeros(device: &Device, gaussians: usize) -> Result<Self> {
         let values = device.zeros("scores", gaussians)?;
         Ok(Self { values, subgroup: device.info().subgroup_size })
     }
 
     /// Scores with these values, n.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn upload(device: &Device, scores: &[Score]) -> Result<Self> {
         Ok(Self { values: device.upload("scores", scores)?, subgroup: device.info().subgroup_size })
     }

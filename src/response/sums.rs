@@ -90,9 +90,6 @@ impl Responses {
 
     /// The responses of a whole pass over `n` Gaussians from those of its chunks, in their order: the same bits as from
     /// one pass.
-    ///
-    /// # Errors
-    /// Errors of the chunks.
     pub fn sum<E>(n: usize, wanted: Wanted, chunks: impl Iterator<Item = Result<Self, E>>) -> Result<Self, E> {
         let mut sums = Sums::zeros(n, wanted);
         let mut seen = Self::default();

@@ -67,9 +67,6 @@ impl Photo {
     /// The part of `size` pixels from `corner` on, in memory. In training it counts as much as it does within the whole photo: see
     /// [`Camera::share`].
     ///
-    /// # Errors
-    /// If the photo lies in a file that cannot be read.
-    ///
     /// # Panics
     /// If the part is not within the photo.
     pub fn part(&self, corner: [u32; 2], size: [u32; 2]) -> io::Result<Self> {
@@ -82,9 +79,6 @@ impl Photo {
     }
 
     /// Colour of a pixel in [0, 1], over black.
-    ///
-    /// # Errors
-    /// If the photo lies in a file that cannot be read.
     pub fn colour(&self, [x, y]: [u32; 2]) -> io::Result<DVec3> {
         let [r, g, b, a] = self.pixels.at(y as usize * self.camera.width as usize + x as usize)?;
         let share = |byte: u8| f64::from(byte) / 255.0;

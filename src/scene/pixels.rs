@@ -40,9 +40,6 @@ impl Pixels {
     }
 
     /// All bytes.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
     pub fn read(&self) -> io::Result<Cow<'_, [u8]>> {
         match self {
             Self::Held(bytes) => Ok(Cow::Borrowed(bytes)),
@@ -55,9 +52,6 @@ impl Pixels {
     }
 
     /// One pixel, counted row by row.
-    ///
-    /// # Errors
-    /// A file that cannot be read.
     ///
     /// # Panics
     /// If `pixel` is past the last one.
@@ -90,17 +84,11 @@ pub struct PhotoFile(Arc<File>);
 
 impl PhotoFile {
     /// Creates the file in this folder.
-    ///
-    /// # Errors
-    /// A folder that cannot be written to.
     pub fn new(folder: &Path) -> io::Result<Self> {
         tempfile::tempfile_in(folder).map(|file| Self(Arc::new(file)))
     }
 
     /// Stores a photo from byte `start` on.
-    ///
-    /// # Errors
-    /// Errors of the system, such as a full disk.
     pub fn put(&self, start: u64, bytes: &[u8]) -> io::Result<Pixels> {
         write_at(&self.0, bytes, start)?;
         Ok(Pixels::Filed { file: Arc::clone(&self.0), start, len: bytes.len() })

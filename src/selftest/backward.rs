@@ -4,7 +4,8 @@ use super::Allowed::{Exact, Rounding};
 use super::Measure;
 use super::overlap::worse;
 use super::random::Kind;
-use super::rasterise::{self, MILD, camera, stack, straight_on};
+pub use super::rasterise::twin;
+use super::rasterise::{MILD, camera, stack, straight_on};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::random::Random;
@@ -23,6 +24,8 @@ pub struct Drawn {
     pub gradients: Params,
     /// Rows skipped because of a gradient that is not finite.
     pub skipped: u32,
+    /// Sums for density control.
+    pub growth: Vec<[f32; 2]>,
 }
 
 /// Weights of a picture's values, uniform in [-1, 1).
@@ -40,15 +43,24 @@ pub(super) fn first_moments(device: &Device, moments: &Moments, degree: usize) -
 }
 
 /// Renders a model and computes the gradients of the picture.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn there_and_back(
     device: &Device,
     model: &Gaussians,
     camera: &Camera,
     settings: Settings,
     weights: &[[f32; 4]],
+) -> Result<Drawn> {
+    there_and_back_as(device, model, camera, settings, weights, Backward::default())
+}
+
+/// The same by a backward pass of another kind.
+pub fn there_and_back_as(
+    device: &Device,
+    model: &Gaussians,
+    camera: &Camera,
+    settings: Settings,
+    weights: &[[f32; 4]],
+    backward: Backward<'_>,
 ) -> Result<Drawn> {
     let training = TrainingModel::new(device, model)?;
     let size = [camera.width, camera.height];
@@ -57,19 +69,20 @@ pub fn there_and_back(
     let by_image = device.upload("image gradient", weights)?;
     let mut recording = Recording::new();
     renderer.record(&mut recording, &training.model, camera);
-    let backward = Backward { growth: Some(&training.growth), ..Backward::default() };
+    let backward = Backward { growth: Some(&training.growth), ..backward };
     renderer.record_backward(&mut recording, &training.model, camera, &by_image, backward);
     record_gradients(&mut recording, &renderer, &training.model, &training.moments);
     device.run(recording)?;
     let skipped = renderer.backward_counts()?.skipped_rows;
-    Ok(Drawn { image, gradients: first_moments(device, &training.moments, model.degree())?, skipped })
+    let gradients = first_moments(device, &training.moments, model.degree())?;
+    Ok(Drawn { image, gradients, skipped, growth: training.growth.read(device)? })
 }
 
 /// The twin's gradients for the same picture.
 pub fn expected(model: &Gaussians, camera: &Camera, settings: Settings, weights: &[[f32; 4]]) -> Params {
     let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
     let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
-    reference::gradients(&Params::from(model), camera, &rasterise::twin(settings), &by_image, Some(&by_alpha)).params
+    reference::gradients(&Params::from(model), camera, &twin(settings), &by_image, Some(&by_alpha)).params
 }
 
 /// Norm of the difference over the twin's norm, or over `least` if that is larger: the worst of all attributes.

@@ -15,19 +15,19 @@ use glam::{DMat3, DQuat, DVec3};
 /// Centre, log-scales, quaternion.
 pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
 
-/// N of each pair of successive rows, computed on the device.
-///
-/// # Errors
-/// Device memory; device errors.
-pub fn on_device(device: &Device, rows: &[Row], metric: Metric) -> Result<Vec<f32>> {
-    let model = Gaussians {
+/// A model with these rows, without colour and half transparent.
+pub fn model(rows: &[Row]) -> Gaussians {
+    Gaussians {
         means: rows.iter().map(|r| r.0).collect(),
         log_scales: rows.iter().map(|r| r.1).collect(),
         rotations: rows.iter().map(|r| r.2).collect(),
-        opacity_logits: vec![0.0; rows.len()],
-        sh: vec![vec![0.0; 3 * rows.len()]],
-    };
-    let resident = Resident::upload(device, &model)?;
+        ..Gaussians::zeroed(rows.len(), 0)
+    }
+}
+
+/// N of each pair of successive rows, computed on the device.
+pub fn on_device(device: &Device, rows: &[Row], metric: Metric) -> Result<Vec<f32>> {
+    let resident = Resident::upload(device, &model(rows))?;
     let members: Vec<u32> = (0..rows.len() as u32).collect();
     let starts: Vec<u32> = (0..=rows.len() as u32 / 2).map(|b| 2 * b).collect();
     let options = Options { metric, ..Options::default() };
@@ -115,9 +115,6 @@ pub fn random_rows(count: usize, parallel: bool, seed: u64) -> Vec<Row> {
 }
 
 /// Errors against the twin, ascending, and the number of NaNs.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn errors(device: &Device, rows: &[Row], method: Method) -> Result<(Vec<f64>, usize)> {
     let primitive = |r: &Row| Primitive {
         position: r.0.map(f64::from),

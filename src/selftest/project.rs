@@ -108,9 +108,6 @@ pub struct CaseErrors {
 }
 
 /// Draws a hard Gaussian alone.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn case_errors(device: &Device, hard: &Hard, antialias: bool) -> Result<CaseErrors> {
     let camera = ahead();
     let settings = Settings { near: NEAR, ..Style { antialias, ..Style::default() }.over([0.0; 3]) };

@@ -36,7 +36,7 @@ fn draw(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings)
 }
 
 /// The same settings for the twin, except the size of tiles.
-pub(super) fn twin(settings: Settings) -> reference::Settings {
+pub fn twin(settings: Settings) -> reference::Settings {
     reference::Settings {
         background: settings.background.map(f64::from),
         antialias: settings.style.antialias,
@@ -139,12 +139,10 @@ pub(super) fn widest(device: &Device) -> Result<Vec<Measure>> {
 
 /// `count` layers before one small tile.
 pub(super) fn stack(count: usize, depth: f32, logit: f32) -> Gaussians {
+    let means = (0..count).map(|i| [0.0, 0.0, 2.0 + i as f32 * depth]).collect();
     Gaussians {
-        means: (0..count).map(|i| [0.0, 0.0, 2.0 + i as f32 * depth]).collect(),
-        log_scales: vec![[-1.0; 3]; count],
-        rotations: vec![[1.0, 0.0, 0.0, 0.0]; count],
-        opacity_logits: vec![logit; count],
         sh: vec![(0..count).flat_map(|i| [i as f32 / count as f32, 0.2, -(i as f32 / count as f32)]).collect()],
+        ..Gaussians::balls(means, -1.0, logit, 0)
     }
 }
 

@@ -133,9 +133,6 @@ impl Files {
 }
 
 /// CRC-32 of a file; 0 for a folder.
-///
-/// # Errors
-/// [`Error::Read`].
 pub(super) fn crc32_of_file(path: &Path) -> Result<u32, Error> {
     if path.is_dir() {
         return Ok(0);

@@ -76,9 +76,6 @@ impl Shard {
     }
 
     /// Refuses a device whose results are not bit-identical to those of the plan's device, unless `mixed` is true.
-    ///
-    /// # Errors
-    /// [`Error::OtherDevice`].
     pub fn check_device(&self, fingerprint: &str, mixed: bool) -> Result<(), Error> {
         if mixed || fingerprint == self.plan.fingerprint {
             return Ok(());
@@ -113,9 +110,6 @@ impl Shard {
     }
 
     /// Runs all tasks that are not done, one after the other; calls `follow` before each.
-    ///
-    /// # Errors
-    /// Errors of [`Shard::run`]; [`Error::Interrupted`].
     pub fn all(&self, session: &Session<'_>, mut follow: impl FnMut(Task)) -> Result<(), Error> {
         for task in self.tasks() {
             if self.state_of_files(task) != State::Done {
@@ -138,9 +132,6 @@ impl Shard {
     }
 
     /// Runs a task again and compares the bytes with those of its files. Returns the files that differ.
-    ///
-    /// # Errors
-    /// Errors of [`Shard::run`]; files that cannot be read.
     pub fn verify(&self, session: &Session<'_>, task: Task) -> Result<Vec<PathBuf>, Error> {
         self.has(task)?;
         let mut wrong = Vec::new();

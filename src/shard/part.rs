@@ -77,9 +77,6 @@ fn seen(responses: &Responses) -> Vec<u32> {
 
 impl Part {
     /// The bytes of its file.
-    ///
-    /// # Errors
-    /// [`Error::Encode`].
     pub fn bytes(&self) -> Result<Vec<u8>, Error> {
         let Self { plan, task, responses } = self;
         let Responses { channels, scores, .. } = responses;

@@ -20,9 +20,6 @@ fn checksum(content: &Value) -> u32 {
 }
 
 /// The bytes of a file with this content.
-///
-/// # Errors
-/// [`Error::Encode`].
 pub(super) fn bytes(plan: &str, task: &str, content: &impl Serialize) -> Result<Vec<u8>, Error> {
     let encoding = |e| Error::encoding("a task's figures", e);
     let content = serde_json::to_value(content).map_err(encoding)?;

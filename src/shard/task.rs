@@ -1,56 +1,38 @@
 //! Tasks of a divided job: each reads files and writes files completely or not at all.
 
+use crate::wording::named;
 use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// The kinds of tasks, with their names in files and on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Stage {
-    /// Trains a coarse model of the whole scene.
-    Coarse,
-    /// Divides the scene into blocks.
-    Assign,
-    /// Trains a block up to the prune.
-    Dense,
-    /// Joins the blocks' Gaussians, at each of their meetings.
-    Collect,
-    /// Takes the responses of a chunk of views.
-    Evidence,
-    /// Adds up all responses and chooses Gaussians.
-    Choose,
-    /// Trains a block from the prune to the second meeting.
-    Tune,
-    /// Trains a block and its margin from the second meeting to the third.
-    Settle,
-    /// Trains a block and its margin from the third meeting to the end.
-    Finish,
-    /// Joins the trained blocks.
-    Join,
-    /// Scores the model in some of the views.
-    Score,
-    /// Collects all figures.
-    Report,
-}
-
-impl Stage {
-    const ALL: [(Self, &'static str); 12] = [
-        (Self::Coarse, "coarse"),
-        (Self::Assign, "assign"),
-        (Self::Dense, "dense"),
-        (Self::Collect, "collect"),
-        (Self::Evidence, "evidence"),
-        (Self::Choose, "choose"),
-        (Self::Tune, "tune"),
-        (Self::Settle, "settle"),
-        (Self::Finish, "finish"),
-        (Self::Join, "join"),
-        (Self::Score, "score"),
-        (Self::Report, "report"),
-    ];
-
-    fn name(self) -> &'static str {
-        Self::ALL.into_iter().find(|(stage, _)| *stage == self).map_or("", |(_, name)| name)
+named! {
+    /// The kinds of tasks, with their names in files and on the command line.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+    pub enum Stage {
+        /// Trains a coarse model of the whole scene.
+        Coarse = "coarse",
+        /// Divides the scene into blocks.
+        Assign = "assign",
+        /// Trains a block up to the prune.
+        Dense = "dense",
+        /// Joins the blocks' Gaussians, at each of their meetings.
+        Collect = "collect",
+        /// Takes the responses of a chunk of views.
+        Evidence = "evidence",
+        /// Adds up all responses and chooses Gaussians.
+        Choose = "choose",
+        /// Trains a block from the prune to the second meeting.
+        Tune = "tune",
+        /// Trains a block and its margin from the second meeting to the third.
+        Settle = "settle",
+        /// Trains a block and its margin from the third meeting to the end.
+        Finish = "finish",
+        /// Joins the trained blocks.
+        Join = "join",
+        /// Scores the model in some of the views.
+        Score = "score",
+        /// Collects all figures.
+        Report = "report",
     }
 }
 
@@ -97,8 +79,8 @@ impl FromStr for Task {
             Some((name, part)) => (name, Some(part)),
             None => (text, None),
         };
-        let stage = Stage::ALL.into_iter().find(|(_, known)| *known == name);
-        let (stage, _) = stage.ok_or_else(|| format!("'{text}' is no task; tasks.json lists them"))?;
+        let stage = Stage::ALL.into_iter().find(|known| known.name() == name);
+        let stage = stage.ok_or_else(|| format!("'{text}' is no task; tasks.json lists them"))?;
         let number = |n: &str| n.parse().map_err(|_| format!("'{text}' has no number after its slash"));
         Ok(Self { stage, part: part.map(number).transpose()? })
     }
@@ -163,7 +145,7 @@ mod tests {
 
     #[test]
     fn names_of_tasks() {
-        for (stage, _) in Stage::ALL {
+        for stage in Stage::ALL {
             for task in [Task::whole(stage), Task::part(stage, 0), Task::part(stage, 12_345)] {
                 assert_eq!(task.to_string().parse(), Ok(task));
             }

@@ -87,20 +87,9 @@ struct Joined {
 }
 
 impl BlockRun {
-    fn dense_blocks(&self) -> impl Iterator<Item = Task> {
-        Task::parts(Stage::Dense, self.blocks)
-    }
-
-    fn tuned_blocks(&self) -> impl Iterator<Item = Task> {
-        Task::parts(Stage::Tune, self.blocks)
-    }
-
-    fn settled_blocks(&self) -> impl Iterator<Item = Task> {
-        Task::parts(Stage::Settle, self.blocks)
-    }
-
-    fn finished_blocks(&self) -> impl Iterator<Item = Task> {
-        Task::parts(Stage::Finish, self.blocks)
+    /// The tasks of a stage of all blocks.
+    fn blocks_of(&self, stage: Stage) -> impl Iterator<Item = Task> + use<> {
+        Task::parts(stage, self.blocks)
     }
 
     fn scores(&self) -> Scores {
@@ -125,11 +114,11 @@ impl BlockRun {
         let tune = |task: Task| {
             // Without a prune it also trains its neighbours' Gaussians, and therefore reads their files, too.
             let own = Task { stage: Stage::Dense, ..task };
-            let came: Vec<Task> = if prunes { vec![CHOOSE, own] } else { self.dense_blocks().collect() };
+            let came: Vec<Task> = if prunes { vec![CHOOSE, own] } else { self.blocks_of(Stage::Dense).collect() };
             Listed::new(task, [ASSIGN, FIRST].into_iter().chain(came), [stored(task), beside(task)], each / 2)
         };
         let settle = |task: Task| {
-            let needs = [ASSIGN, SECOND].into_iter().chain(self.tuned_blocks());
+            let needs = [ASSIGN, SECOND].into_iter().chain(self.blocks_of(Stage::Tune));
             Listed::new(task, needs, [stored(task), beside(task)], each / 4)
         };
         let finish = |task: Task| {
@@ -141,16 +130,16 @@ impl BlockRun {
             Listed::new(COARSE, [], ["coarse.safetensors"], iterations / 32),
             Listed::new(ASSIGN, [COARSE], ["assign.json"], 2 * self.photos.len()),
         ];
-        tasks.extend(self.dense_blocks().map(dense));
-        tasks.push(collect(FIRST, self.dense_blocks().collect()));
+        tasks.extend(self.blocks_of(Stage::Dense).map(dense));
+        tasks.push(collect(FIRST, self.blocks_of(Stage::Dense).collect()));
         tasks.extend(self.chunks_of_evidence().map(evidence));
         tasks.extend(prunes.then_some(choose));
-        tasks.extend(self.tuned_blocks().map(tune));
-        tasks.push(collect(SECOND, self.tuned_blocks().collect()));
-        tasks.extend(self.settled_blocks().map(settle));
-        tasks.push(collect(THIRD, [ASSIGN, SECOND].into_iter().chain(self.settled_blocks()).collect()));
-        tasks.extend(self.finished_blocks().map(finish));
-        let needs = [ASSIGN, SECOND].into_iter().chain(self.finished_blocks());
+        tasks.extend(self.blocks_of(Stage::Tune).map(tune));
+        tasks.push(collect(SECOND, self.blocks_of(Stage::Tune).collect()));
+        tasks.extend(self.blocks_of(Stage::Settle).map(settle));
+        tasks.push(collect(THIRD, [ASSIGN, SECOND].into_iter().chain(self.blocks_of(Stage::Settle)).collect()));
+        tasks.extend(self.blocks_of(Stage::Finish).map(finish));
+        let needs = [ASSIGN, SECOND].into_iter().chain(self.blocks_of(Stage::Finish));
         tasks.push(Listed::new(JOIN, needs, [output, "join.json"], 0));
         tasks.extend(self.scores().listed(JOIN));
         let needs = [ASSIGN, JOIN].into_iter().chain(prunes.then_some(CHOOSE)).chain(self.scores().tasks());
@@ -188,12 +177,10 @@ impl BlockRun {
                 let state = self.dense(session, (&layout, part), &files.state(COARSE)?.model, &scratch()?)?;
                 Ok(vec![files.state_bytes(task, state)?])
             }
-            Stage::Collect if task == THIRD => self.blended(files, task, self.settled_blocks()),
+            Stage::Collect if task == THIRD => self.blended(files, task, self.blocks_of(Stage::Settle)),
             Stage::Collect => {
-                let blocks: Vec<Task> =
-                    if task == FIRST { self.dense_blocks().collect() } else { self.tuned_blocks().collect() };
-                let blocks =
-                    blocks.into_iter().map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
+                let blocks = self.blocks_of(if task == FIRST { Stage::Dense } else { Stage::Tune });
+                let blocks = blocks.map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
                 let (model, starts) = joined(&blocks);
                 let collected = Collected { starts, gaussians: model.len() };
                 files.with_model(task, &model, self.config.style.mode(), collected)
@@ -213,7 +200,7 @@ impl BlockRun {
             Stage::Tune => self.tuned(session, files, task, part),
             Stage::Settle => self.settled(session, files, task, part),
             Stage::Finish => self.finished(session, files, task, part),
-            Stage::Join => self.blended(files, task, self.finished_blocks()),
+            Stage::Join => self.blended(files, task, self.blocks_of(Stage::Finish)),
             Stage::Score => {
                 let (model, Joined { .. }) = files.model(JOIN)?;
                 Ok(vec![files.seal(task, &self.score(session, &model, self.scores().part(part))?)?])

@@ -1,61 +1,35 @@
 //! Options of the synthetic scene.
 
-use std::{fmt, str::FromStr};
-
 use super::Error;
+use crate::wording::named;
+use std::str::FromStr;
 
-/// A part of image formation that the scene can require.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Effect {
-    /// Every photo has its own gain and white balance.
-    Exposure,
-    /// The lens has radial and tangential distortion (COLMAP's `OPENCV`).
-    Distortion,
-    /// The lens is a fisheye (COLMAP's `OPENCV_FISHEYE`).
-    Fisheye,
-    /// Photos carry alpha: sky and floor are transparent.
-    Alpha,
-    /// An object moves between photos and masks hide it.
-    Masks,
-    /// Cameras stand near and far.
-    Scales,
-    /// Every surface reflects.
-    Glossy,
-    /// No surface reflects.
-    Matte,
-    /// Several cameras with their own focal length and size took the photos.
-    Cameras,
+named! {
+    /// A part of image formation that the scene can require.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum Effect {
+        /// Every photo has its own gain and white balance.
+        Exposure = "exposure",
+        /// The lens has radial and tangential distortion (COLMAP's `OPENCV`).
+        Distortion = "distortion",
+        /// The lens is a fisheye (COLMAP's `OPENCV_FISHEYE`).
+        Fisheye = "fisheye",
+        /// Photos carry alpha: sky and floor are transparent.
+        Alpha = "alpha",
+        /// An object moves between photos and masks hide it.
+        Masks = "masks",
+        /// Cameras stand near and far.
+        Scales = "scales",
+        /// Every surface reflects.
+        Glossy = "glossy",
+        /// No surface reflects.
+        Matte = "matte",
+        /// Several cameras with their own focal length and size took the photos.
+        Cameras = "cameras",
+    }
 }
 
 impl Effect {
-    /// All effects, in the order of the help.
-    pub const ALL: [Self; 9] = [
-        Self::Exposure,
-        Self::Distortion,
-        Self::Fisheye,
-        Self::Alpha,
-        Self::Masks,
-        Self::Scales,
-        Self::Glossy,
-        Self::Matte,
-        Self::Cameras,
-    ];
-
-    /// The name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Exposure => "exposure",
-            Self::Distortion => "distortion",
-            Self::Fisheye => "fisheye",
-            Self::Alpha => "alpha",
-            Self::Masks => "masks",
-            Self::Scales => "scales",
-            Self::Glossy => "glossy",
-            Self::Matte => "matte",
-            Self::Cameras => "cameras",
-        }
-    }
-
     /// One line for the help.
     pub const fn description(self) -> &'static str {
         match self {
@@ -72,12 +46,6 @@ impl Effect {
     }
 }
 
-impl fmt::Display for Effect {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
-    }
-}
-
 impl FromStr for Effect {
     type Err = Error;
 
@@ -88,32 +56,22 @@ impl FromStr for Effect {
     }
 }
 
-/// What is photographed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Kind {
-    /// A plaza with objects, from three rings of cameras around it.
-    #[default]
-    Plaza,
-    /// A strip of land, from a drone that flies along it in three lines and looks down and a little ahead. It is longer with more
-    /// photos.
-    Terrain,
-    /// The plaza, in panoramas (equirectangular) from a walk among its objects.
-    Panorama,
+named! {
+    /// What is photographed.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+    pub enum Kind {
+        /// A plaza with objects, photographed from all around
+        #[default]
+        Plaza = "plaza",
+        /// A strip of land, photographed from a drone; the more photos, the longer
+        Terrain = "terrain",
+        /// The plaza in panoramas of all directions, from a walk among its objects
+        Panorama = "panorama",
+    }
 }
 
 impl Kind {
-    /// All kinds.
-    pub const ALL: [Self; 3] = [Self::Plaza, Self::Terrain, Self::Panorama];
-
-    /// The name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Plaza => "plaza",
-            Self::Terrain => "terrain",
-            Self::Panorama => "panorama",
-        }
-    }
-
     /// True if an effect belongs to the plaza's objects, or to the distances of its cameras.
     const fn lacks(self, effect: Effect) -> bool {
         match self {
@@ -127,12 +85,6 @@ impl Kind {
                 )
             }
         }
-    }
-}
-
-impl fmt::Display for Kind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
     }
 }
 

@@ -76,18 +76,12 @@ pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedul
 }
 
 /// Keeps only the Gaussians `kept`, in that order, with their moments, and the tail; growth restarts at zero.
-///
-/// # Errors
-/// Errors of [`densify`].
 pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> Result<()> {
     replace(device, training, kept, &vec![false; kept.len()])
 }
 
 /// Replaces every trained row by the one in `sources`, with its moments, or with zero moments if it is `fresh`. The
 /// tail stays, and growth restarts at zero.
-///
-/// # Errors
-/// Errors of [`densify`].
 pub fn replace(device: &Device, training: &mut TrainingModel, sources: &[u32], fresh: &[bool]) -> Result<()> {
     let mut rows = Rows::of(device, sources.to_vec(), training)?;
     let mut kinds: Vec<u32> = fresh.iter().map(|fresh| if *fresh { CLONE } else { KEPT }).collect();

@@ -57,9 +57,6 @@ impl DevicePhotos {
     }
 
     /// Uploads all photos if they take at most a quarter of the memory allowed; otherwise makes room for one.
-    ///
-    /// # Errors
-    /// Device memory; device errors; photos in a file that cannot be read.
     pub fn new(device: &Device, photos: &[Photo]) -> Result<Self> {
         let bytes: u64 = photos.iter().map(|p| p.pixels.len() as u64).sum();
         if Self::fit(bytes, device.memory_limit()) {
@@ -73,9 +70,6 @@ impl DevicePhotos {
 
     /// The buffer of photo `at` for commands recorded after this; `next` is expected after it. A streamed photo
     /// replaces the previous one, so recordings must be submitted in the order in which they were made.
-    ///
-    /// # Errors
-    /// Device memory; photos in a file that cannot be read.
     pub fn get(&mut self, recording: &mut Recording, photos: &[Photo], at: usize, next: usize) -> Result<&Buffer<u32>> {
         match self {
             Self::Resident(all) => Ok(&all[at]),

@@ -96,18 +96,12 @@ impl Exposure {
     }
 
     /// Exposures whose maps begin as these gains of red, green and blue; 1 for photos beyond the list.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device, gains: &[[f32; 3]], photos: usize, pixels: usize) -> Result<Self> {
         let affine: Vec<f32> = of_each(gains, photos).flat_map(diagonal).collect();
         Self::with(device, gains, &affine, &vec![0.0; 2 * affine.len()], pixels)
     }
 
     /// Exposures with these maps (photo x 12) and moments (first and second interleaved), which began as these gains.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn with(device: &Device, gains: &[[f32; 3]], affine: &[f32], moments: &[f32], pixels: usize) -> Result<Self> {
         Ok(Self {
             affine: device.upload("exposures", affine)?,

@@ -31,9 +31,6 @@ impl Halve {
     }
 
     /// Room for photos of at most `size`.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, size: [u32; 2]) -> Result<Self> {
         Ok(Self { photo: device.buffer("half photo", pixels(size) as usize)? })
     }

@@ -71,19 +71,15 @@ pub fn from_points_in(points: &[Seed], unit: f64) -> Gaussians {
         (0.5 * mean.max(least).ln()) as f32
     };
     let logit = (OPACITY / (1.0 - OPACITY)).ln() as f32;
+    let means = points.iter().map(|p| p.position.as_vec3().to_array()).collect();
     Gaussians {
-        means: points.iter().map(|p| p.position.as_vec3().to_array()).collect(),
         log_scales: points.par_iter().enumerate().map(|(i, p)| [log_scale(i, p); 3]).collect(),
-        rotations: vec![[1.0, 0.0, 0.0, 0.0]; points.len()],
-        opacity_logits: vec![logit; points.len()],
         sh: vec![points.iter().flat_map(|p| ((p.colour - 0.5) / SH_C0).as_vec3().to_array()).collect()],
+        ..Gaussians::balls(means, 0.0, logit, 0)
     }
 }
 
 /// As [`random_in`], in a scene of usual size.
-///
-/// # Errors
-/// Those of [`random_in`].
 pub fn random(photos: &[Photo], count: usize, blender: bool, seed: u64) -> Result<Vec<Seed>> {
     random_in(photos, count, (blender, Settings::default().near), seed)
 }

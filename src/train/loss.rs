@@ -100,9 +100,6 @@ impl Loss {
     }
 
     /// Scratch memory for pictures of at most `width` x `height`.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, width: u32, height: u32) -> Result<Self> {
         let (pixels, shape) = (width as usize * height as usize, Shape::of(device));
         let terms: u32 = shape.terms([width, height]).iter().sum();
@@ -171,9 +168,6 @@ impl Loss {
     }
 
     /// The value of the last loss whose sums were recorded.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn value(&self, device: &Device, [width, height]: [u32; 2], weights: Weights) -> Result<f32> {
         Ok(Self::value_of(self.sums.read(device)?[0], [width, height], weights))
     }

@@ -19,9 +19,6 @@ impl Mask {
     }
 
     /// Room for pictures of at most `pixels`.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, pixels: usize, background: [f32; 3]) -> Result<Self> {
         Ok(Self { image: device.buffer("masked image", pixels)?, background })
     }

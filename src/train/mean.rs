@@ -24,9 +24,6 @@ pub struct Mean {
 
 impl Mean {
     /// Adds a model of the same Gaussians to a mean, which begins with it if there is none.
-    ///
-    /// # Errors
-    /// Device errors; memory for staging.
     pub(super) fn with(mean: Option<Self>, device: &Device, model: &Resident) -> Result<Self> {
         let Some(Self { model: mut mean, iterates }) = mean else {
             return Ok(Self { model: model.download(device)?, iterates: 1 });

@@ -18,7 +18,7 @@ use crate::render::{Purpose, Renderer, Style, Uses};
 use std::sync::Arc;
 
 /// Inputs of the memory estimate of a run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 #[expect(clippy::struct_excessive_bools, reason = "facts about a run, each on its own")]
 pub struct TrainerNeeds {
     /// Largest number of Gaussians.

@@ -8,9 +8,6 @@ use crate::gpu::{Buffer, Device, Recording, Result};
 pub type Moments = Attributes<Buffer<[f32; 2]>>;
 
 /// Moments of zero for a model.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn zeros(device: &Device, model: &Resident) -> Result<Moments> {
     zeros_of(device, model.len, model.degree)
 }

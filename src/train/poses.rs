@@ -164,9 +164,6 @@ impl Poses {
     }
 
     /// No corrections yet of these photos' cameras.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device, photos: &[Photo]) -> Result<Self> {
         Ok(Self {
             given: photos.iter().map(|photo| photo.camera.clone()).collect(),
@@ -221,9 +218,6 @@ impl Poses {
     }
 
     /// Moves the photos' cameras by the gradients of a round of photos, after iteration `iteration` of `length`.
-    ///
-    /// # Errors
-    /// Device errors.
     pub(super) fn step(
         &mut self,
         device: &Device,
@@ -255,9 +249,6 @@ impl Poses {
     }
 
     /// The state, [`STORED`] numbers of each photo.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn stored(&self, device: &Device) -> Result<Vec<f32>> {
         let gradients = self.gradients.read(device)?;
         let all = self.corrections.iter().zip(gradients.chunks_exact(SIZE)).zip(&self.depths);
@@ -269,9 +260,6 @@ impl Poses {
     }
 
     /// Continues from a stored state of as many photos.
-    ///
-    /// # Errors
-    /// Device errors.
     pub(super) fn restore(&mut self, device: &Device, photos: &mut [Photo], stored: &[f32]) -> Result<()> {
         let mut gradients = Vec::new();
         let all = photos.iter_mut().zip(&self.given).zip(&mut self.corrections).zip(&mut self.depths);

@@ -66,9 +66,6 @@ where
 /// Responses and scores, as `wanted`, of `photos` to a model that is not in training, on the device or on the host. Of
 /// the options, image formation, exposures, the loss's weights and the capacity in pairs matter. With `of`, the photos
 /// are a chunk of that many, as in [`Views::of`].
-///
-/// # Errors
-/// Device memory; device errors; photos that cannot be read; errors of `follow`.
 pub fn responses<E>(
     device: &Device,
     model: Source<'_>,
@@ -95,9 +92,6 @@ where
 }
 
 /// Like [`responses`], but passes the results of each photo alone, with its number, to `each`.
-///
-/// # Errors
-/// Device memory; device errors; photos that cannot be read; errors of `each`.
 pub fn responses_by_photo<E>(
     device: &Device,
     model: Source<'_>,
@@ -166,17 +160,11 @@ pub fn bytes(
 
 impl Trainer {
     /// Responses and scores, as `wanted`, by a pass over all photos. Neither model nor moments change.
-    ///
-    /// # Errors
-    /// Device memory; device errors; photos that cannot be read.
     pub fn responses(&mut self, wanted: Wanted) -> Result<Responses> {
         self.responses_with(wanted, |_| Ok(()))
     }
 
     /// Like [`Trainer::responses`]; `follow` receives the number of photos done, and may end the pass by an error.
-    ///
-    /// # Errors
-    /// Errors of [`Trainer::responses`] and of `follow`.
     pub fn responses_with<E>(
         &mut self,
         wanted: Wanted,
@@ -191,9 +179,6 @@ impl Trainer {
     }
 
     /// Like [`Trainer::responses`], but passes the results of each photo alone, with its number, to `each`.
-    ///
-    /// # Errors
-    /// Errors of [`Trainer::responses`] and of `each`.
     pub fn responses_by_photo<E>(
         &mut self,
         wanted: Wanted,
@@ -209,9 +194,6 @@ impl Trainer {
 
     /// Responses averaged over [`super::Options::averaged`], decayed to the last iteration done; `None` before those
     /// iterations.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn averages(&self) -> Result<Option<Responses>> {
         let gather = Gather::Average { iteration: self.iteration };
         let Some(responses) = &self.responses else { return Ok(None) };

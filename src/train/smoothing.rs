@@ -23,9 +23,6 @@ impl Smoothing {
     }
 
     /// The smoothing for these photos.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, photos: &[Photo], settings: &Settings) -> Result<Self> {
         let cameras: Vec<View> = photos.iter().map(|p| view(&p.camera, settings, 0, 1)).collect();
         Ok(Self { views: device.upload("training cameras", &cameras)? })

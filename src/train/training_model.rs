@@ -52,9 +52,6 @@ impl Array {
     }
 
     /// An array with these numbers.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn with(device: &Device, kind: ArrayKind, values: &[f32]) -> Result<Self> {
         Ok(Self { kind, values: device.upload(kind.name, values)? })
     }
@@ -88,17 +85,11 @@ impl TrainingModel {
     }
 
     /// A model before its first iteration: moments and growth are zero.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device, model: &Gaussians) -> Result<Self> {
         Self::with_tail(device, model, 0)
     }
 
     /// Like [`TrainingModel::new`], for a model whose last `tail` rows are drawn and never change.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     ///
     /// # Panics
     /// If the tail is longer than the model.

@@ -29,9 +29,6 @@ fn coefficient(colour: f32) -> f32 {
 
 /// The same Gaussians in other colours, 3 numbers per Gaussian in [0, 1]. The model shares all buffers except the
 /// colours.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn painted(device: &Device, model: &Resident, colours: &[f32]) -> Result<Resident, Error> {
     let coefficients: Vec<f32> = colours.iter().map(|c| coefficient(*c)).collect();
     let mut parameters = model.parameters.clone();
@@ -40,9 +37,6 @@ pub fn painted(device: &Device, model: &Resident, colours: &[f32]) -> Result<Res
 }
 
 /// A view of a model with fewer SH bands.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn of_degree(device: &Device, model: &Resident, degree: usize) -> Result<Resident, Error> {
     Ok(Resident::new(device, model.parameters.clone(), degree.min(model.degree), model.len)?)
 }

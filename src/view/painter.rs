@@ -50,9 +50,6 @@ pub struct Painter {
 
 impl Painter {
     /// A painter for models of up to `gaussians` Gaussians; it grows with pictures and models.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new(device: &Device, settings: Settings, gaussians: usize) -> Result<Self, Error> {
         let renderer = Renderer::new(device, settings, gaussians, 64, 64)?;
         Ok(Self { device: device.clone(), renderer, photo: None, painted: None })
@@ -120,9 +117,6 @@ impl Painter {
     }
 
     /// Red, green, blue of each pixel of the model's picture.
-    ///
-    /// # Errors
-    /// Errors of [`Painter::draw`].
     pub fn colours(&mut self, subject: &Subject, model: &Resident, request: &Request) -> Result<Vec<f32>, Error> {
         self.renderer.set_background(subject.background);
         let image = self.renderer.render(model, &camera(request, subject.capture.as_ref())?)?;

@@ -117,9 +117,6 @@ pub enum Control {
 
 impl RequestCamera {
     /// The camera of a free pose.
-    ///
-    /// # Errors
-    /// A sentence that names the fault.
     pub fn free(position: [f64; 3], rotation: [f64; 4], fov: f64, [width, height]: [u32; 2]) -> Result<Camera, String> {
         let [w, x, y, z] = rotation;
         let (position, to_world) = (DVec3::from(position), DQuat::from_xyzw(x, y, z, w));

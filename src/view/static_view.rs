@@ -56,9 +56,6 @@ fn most_visible(model: &Gaussians) -> Gaussians {
 
 impl<'a> StaticView<'a> {
     /// A static view with all models of the subject on the device.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device, subject: &'a Subject) -> Result<Self, Error> {
         let shown = |shown: &Model| -> Result<ViewerModel, Error> {
             let usual = shown.style.over(subject.background);

@@ -76,9 +76,6 @@ impl Capture {
     }
 
     /// Photo `n` at the working size.
-    ///
-    /// # Errors
-    /// A photo that is absent or damaged.
     pub fn photo(&self, n: usize) -> Result<Photo, Error> {
         let view = self.scene.views.get(n).ok_or_else(|| Error::Usage(format!("there is no photo {n}")))?;
         let options = LoadOptions { resize: self.resize, ..LoadOptions::default() };
@@ -93,9 +90,6 @@ impl Capture {
     }
 
     /// Photo `n` as JPEG, over a background.
-    ///
-    /// # Errors
-    /// Errors of [`Capture::photo`].
     pub fn photo_jpeg(&self, n: usize, background: [f32; 3]) -> Result<Vec<u8>, Error> {
         let photo = self.photo(n)?;
         let bytes: Vec<u8> = truth(&photo, background)?.into_iter().map(byte).collect();
@@ -110,9 +104,6 @@ impl Capture {
 }
 
 /// Encodes red, green, blue bytes as JPEG.
-///
-/// # Errors
-/// A picture that JPEG cannot hold.
 pub(super) fn jpeg(
     rgb: &[u8],
     width: u32,

@@ -3,6 +3,7 @@
 mod barriers;
 
 use super::train::runs::{bits, capture, options, train};
+use crate::support::synthetic::{scatter, scattered};
 use crate::support::{finish, opened};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
@@ -118,14 +119,8 @@ fn long_dispatches(device: &Device) -> Vec<u32> {
     // One less than a multiple of 64, so that the first surplus workgroup begins right behind the arrays' ends, in the
     // red zones.
     const GAUSSIANS: usize = 71 * 64 - 1;
-    let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
-    let model = Gaussians {
-        means: (0..GAUSSIANS).map(|i| [at(i, 0), at(i, 1), at(i, 2)]).collect(),
-        log_scales: vec![[-3.5; 3]; GAUSSIANS],
-        rotations: vec![[1.0, 0.0, 0.0, 0.0]; GAUSSIANS],
-        opacity_logits: (0..GAUSSIANS).map(|i| at(i, 3)).collect(),
-        sh: (0..2).map(|l| vec![0.1; GAUSSIANS * Gaussians::band_width(l)]).collect(),
-    };
+    let opacity_logits = (0..GAUSSIANS).map(|i| scatter(i, 3)).collect();
+    let model = Gaussians { opacity_logits, ..scattered(GAUSSIANS, 1, -3.5) };
     let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, 177, 163);
     let pixels = (0..177 * 163 * 4).map(|k| (k * 7) as u8).collect::<Vec<u8>>();
     let schedule = Schedule { half_until: 0.0, ..Schedule::default() };

@@ -4,25 +4,14 @@ mod known_pairs;
 mod twin;
 
 use crate::support::{Random, device, finish};
-use qirf_vk::gaussians::{Gaussians, resident::Resident};
+use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
 use qirf_vk::qirf::assemble::{Assembly, Options, unpack_symmetric};
 use qirf_vk::qirf::overlap::Metric;
 use qirf_vk::qirf::plan::triangle;
 use twin::Twin;
 
-pub type Row = ([f32; 3], [f32; 3], [f32; 4]);
-
-/// A model with these rows, without colour and half transparent.
-pub fn model(rows: &[Row]) -> Gaussians {
-    Gaussians {
-        means: rows.iter().map(|r| r.0).collect(),
-        log_scales: rows.iter().map(|r| r.1).collect(),
-        rotations: rows.iter().map(|r| r.2).collect(),
-        opacity_logits: vec![0.0; rows.len()],
-        sh: vec![vec![0.0; 3 * rows.len()]],
-    }
-}
+pub use qirf_vk::selftest::overlap::{Row, model};
 
 /// All blocks' packed overlaps, one after the other.
 fn overlaps(device: &Device, rows: &[Row], starts: &[u32], metric: Metric, batch_bytes: usize) -> Vec<f32> {
@@ -155,16 +144,4 @@ pub fn values_not_finite(device: &Device) {
     assert!((square[1] - 1.0).abs() < 1e-6 && (square[m - 1] - 1.0).abs() < 1e-6, "same Gaussian; no rotation");
     assert!(square[2] == 0.0, "a NaN mean overlaps with nothing");
     finish(device);
-}
-
-#[test]
-fn two_runs_give_the_same_bits_and_write_everything() {
-    let device = device();
-    let (rows, starts) = blocks(&[20, 5, 50], 2);
-    let once = overlaps(&device, &rows, &starts, Metric::default(), 1 << 10);
-    let again = overlaps(&device, &rows, &starts, Metric::default(), 1 << 10);
-    assert!(once.iter().zip(&again).all(|(a, b)| a.to_bits() == b.to_bits()));
-    // Every new buffer is full of NaN (tests/device/guards.rs): an entry that no kernel writes would be NaN.
-    assert!(device.guards() && once.iter().all(|n| (0.0..=1.0).contains(n)));
-    finish(&device);
 }

@@ -1,48 +1,9 @@
-//! Hard Gaussians one by one, so that a failure names its Gaussian.
+//! Signs of quaternions; hard Gaussians one by one are cases of the selftest.
 
 use crate::support::{device, finish};
 use qirf_vk::render::Settings;
 use qirf_vk::selftest::backward::{there_and_back, weights};
-use qirf_vk::selftest::project::{Hard, ahead, case_errors, logits, places, rotations, scales};
-
-fn table(cases: &[Hard]) {
-    let device = device();
-    for hard in cases {
-        for antialias in [false, true] {
-            let f = case_errors(&device, hard, antialias).unwrap();
-            println!(
-                "{:<36} {} picture {:.1e}, alpha {:.3}, gradients {:.1e}",
-                hard.name,
-                if antialias { "anti-aliased" } else { "as it is    " },
-                f.picture,
-                f.alpha,
-                f.gradient
-            );
-            assert!(!f.differs && f.skipped == 0, "{}: {f:?}", hard.name);
-        }
-    }
-    finish(&device);
-}
-
-#[test]
-fn places_of_any_kind() {
-    table(&places());
-}
-
-#[test]
-fn scales_of_any_size() {
-    table(&scales());
-}
-
-#[test]
-fn rotations_of_any_length() {
-    table(&rotations());
-}
-
-#[test]
-fn logits_of_any_size() {
-    table(&logits());
-}
+use qirf_vk::selftest::project::{ahead, rotations};
 
 /// q and -q are the same rotation: the same picture to the bit, and opposite gradients for the quaternion alone.
 #[test]

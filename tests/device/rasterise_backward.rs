@@ -7,13 +7,12 @@ use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish, opened, relative};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gpu::{Device, Recording};
+use qirf_vk::gpu::Device;
 use qirf_vk::kernels::constants::blending::TRANSMITTANCE_STOP;
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, BackwardCounts, Settings, Style, TrainingRenderer};
+use qirf_vk::render::{Backward, Settings, Style};
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::TrainingModel;
-use qirf_vk::train::adam::record_gradients;
+use qirf_vk::selftest::backward::{Drawn, expected, there_and_back_as, twin, weights};
 
 /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, computed on the device.
 fn gradients(
@@ -24,42 +23,20 @@ fn gradients(
     weights: &[[f32; 4]],
     through_direction: bool,
 ) -> Params {
-    let backward = Backward { through_direction, ..Backward::default() };
-    gradients_and_growth(device, model, camera, settings, weights, backward).0
+    drawn(device, model, camera, settings, weights, Backward { through_direction, ..Backward::default() }).gradients
 }
 
-/// The same from a backward pass with these options, and its sums for density control.
-fn gradients_and_growth(
+fn drawn(
     device: &Device,
     model: &Gaussians,
     camera: &Camera,
     settings: Settings,
     weights: &[[f32; 4]],
     backward: Backward<'_>,
-) -> (Params, Vec<[f32; 2]>) {
-    let training = TrainingModel::new(device, model).unwrap();
-    let size = [camera.width, camera.height];
-    let mut renderer = TrainingRenderer::new(device, settings, model.len(), size, 1 << 12).unwrap();
-    let image_gradient = device.upload("image gradient", weights).unwrap();
-    loop {
-        renderer.draw(&training.model, camera).unwrap(); // makes room for the pairs
-        let pairs = renderer.pairs().unwrap();
-        if !renderer.make_room_for_pairs(pairs).unwrap() {
-            break;
-        }
-    }
-    let mut recording = Recording::new();
-    renderer.record(&mut recording, &training.model, camera);
-    let backward = Backward { growth: Some(&training.growth), ..backward };
-    renderer.record_backward(&mut recording, &training.model, camera, &image_gradient, backward);
-    record_gradients(&mut recording, &renderer, &training.model, &training.moments);
-    device.run(recording).unwrap();
-    assert_eq!(renderer.backward_counts().unwrap(), BackwardCounts { skipped_rows: 0, passes: 1 });
-    let first = |buffer: &qirf_vk::gpu::Buffer<[f32; 2]>| -> Vec<f64> {
-        buffer.read(device).unwrap().iter().map(|m| f64::from(m[0])).collect()
-    };
-    let gradients = Params::of_attributes(training.moments.each_ref().map(first), model.sh.len());
-    (gradients, training.growth.read(device).unwrap())
+) -> Drawn {
+    let drawn = there_and_back_as(device, model, camera, settings, weights, backward).unwrap();
+    assert_eq!(drawn.skipped, 0);
+    drawn
 }
 
 fn compare(name: &str, got: &mut Params, expected: &mut Params, allowed: f64) {
@@ -147,16 +124,14 @@ fn differentiates_as_another_engine(name: &str, fixture: &Fixture) {
 fn each_within(
     name: &str,
     got: &Params,
-    params: &Params,
+    model: &Gaussians,
     camera: &Camera,
-    settings: &reference::Settings,
+    settings: Settings,
     weights: &[[f32; 4]],
 ) -> Params {
-    let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
-    let by_alpha: Vec<f64> = weights.iter().map(|w| f64::from(w[3])).collect();
-    let expected = reference::gradients(params, camera, settings, &by_image, Some(&by_alpha)).params;
+    let expected = expected(model, camera, settings, weights);
     let weights: Vec<[f64; 4]> = weights.iter().map(|w| w.map(f64::from)).collect();
-    let bounds = gradient_bounds(params, camera, settings, &weights);
+    let bounds = gradient_bounds(&Params::from(model), camera, &twin(settings), &weights);
     within(name, got, &expected, &bounds, 0.5);
     expected
 }
@@ -168,18 +143,11 @@ fn project_backward_and_rasterise_backward_give_the_twins_gradients() {
     for seed in [2, 3, 4] {
         for antialias in [false, true] {
             let model = narrowed(&random_scene(&camera, seed));
-            let mut r = Random(seed);
-            let weights: Vec<[f32; 4]> = (0..45 * 37).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
+            let weights = weights(&camera, seed);
             let settings = Style { antialias, ..Style::default() }.over([0.3, 0.6, 0.1]);
             let got = gradients(&device, &model, &camera, settings, &weights, true);
-            let twin = reference::Settings {
-                background: settings.background.map(f64::from),
-                antialias,
-                dilation: f64::from(settings.dilation),
-                ..Default::default()
-            };
             let name = format!("seed {seed}, antialias {antialias}");
-            each_within(&name, &got, &Params::from(&model), &camera, &twin, &weights);
+            each_within(&name, &got, &model, &camera, settings, &weights);
         }
     }
     finish(&device);
@@ -191,20 +159,19 @@ fn project_backward_and_rasterise_backward_give_the_twins_gradients() {
 fn slots_added_up_together_or_alone() {
     let model = crowd_of_all_sizes();
     let camera = Camera::look_at(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, DVec3::NEG_Y, 0.9, 333, 210);
-    let mut r = Random(11);
-    let weights: Vec<[f32; 4]> = (0..333 * 210).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
+    let weights = weights(&camera, 11);
     let backward = Backward { absolute: true, ..Backward::default() };
     let [alone, all, many] = [0, 1, 32].map(|many| {
         let tuning = Some(format!("gpu,bin_many={many}").parse().unwrap());
         let device = opened(|options| options.tuning = tuning);
-        let got = gradients_and_growth(&device, &model, &camera, Settings::default(), &weights, backward);
+        let got = drawn(&device, &model, &camera, Settings::default(), &weights, backward);
         finish(&device);
         got
     });
-    for (name, (mut gradients, growth)) in [("all", all), ("from 32 on", many)] {
-        compare(name, &mut gradients, &mut alone.0.clone(), 3e-6);
+    for (name, Drawn { mut gradients, growth, .. }) in [("all", all), ("from 32 on", many)] {
+        compare(name, &mut gradients, &mut alone.gradients.clone(), 3e-6);
         assert!(growth.len() == model.len() && growth.iter().filter(|g| g[1] > 0.0).count() > 200);
-        for (i, (got, expected)) in growth.iter().zip(&alone.1).enumerate() {
+        for (i, (got, expected)) in growth.iter().zip(&alone.growth).enumerate() {
             // Absolute values have one sign: a thousand additions are within a thousand roundings.
             assert!(
                 got[1] == expected[1] && (got[0] - expected[0]).abs() <= 1e-4 * expected[0],
@@ -222,11 +189,10 @@ fn the_twins_gradients_at_any_size() {
     for (width, height) in [(1, 1), (17, 3), (4096, 16), (1_048_592, 1)] {
         let camera = small_camera(width, height);
         let model = narrowed(&random_scene(&camera, 6));
-        let mut r = Random(7);
-        let weights: Vec<[f32; 4]> = (0..width * height).map(|_| [0; 4].map(|_| r.within(-1.0, 1.0) as f32)).collect();
-        let got = gradients(&device, &model, &camera, Settings::default(), &weights, true);
-        let (name, settings) = (format!("{width}x{height}"), reference::Settings::default());
-        let expected = each_within(&name, &got, &Params::from(&model), &camera, &settings, &weights);
+        let weights = weights(&camera, 7);
+        let (name, settings) = (format!("{width}x{height}"), Settings::default());
+        let got = gradients(&device, &model, &camera, settings, &weights, true);
+        let expected = each_within(&name, &got, &model, &camera, settings, &weights);
         assert!(expected.means.as_flattened().iter().any(|g| *g != 0.0), "{name}: something is drawn");
     }
     finish(&device);
@@ -245,19 +211,12 @@ fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> 
         whole: None,
     };
     let mut r = Random(1);
-    let model = Gaussians {
-        means: vec![[0.0, 0.0, 2.0]; count],
-        log_scales: vec![[-1.0; 3]; count],
-        rotations: vec![[1.0, 0.0, 0.0, 0.0]; count],
-        opacity_logits: vec![logit; count],
-        sh: vec![(0..3 * count).map(|_| if alike { 1.3 } else { r.within(-1.5, 1.5) as f32 }).collect()],
-    };
+    let sh = vec![(0..3 * count).map(|_| if alike { 1.3 } else { r.within(-1.5, 1.5) as f32 }).collect()];
+    let model = Gaussians { sh, ..Gaussians::balls(vec![[0.0, 0.0, 2.0]; count], -1.0, logit, 0) };
     let settings = Settings { stop, ..Settings::default() };
     let got = gradients(device, &model, &camera, settings, &[[1.0, 1.0, 1.0, 0.0]], true);
-    let params = Params::from(&model);
-    let settings = reference::Settings { transmittance_stop: f64::from(stop), ..Default::default() };
-    let expected = reference::gradients(&params, &camera, &settings, &[[1.0; 3]], None).params;
-    let twin = reference::render(&params, &camera, &settings);
+    let expected = expected(&model, &camera, settings, &[[1.0, 1.0, 1.0, 0.0]]);
+    let twin = reference::render(&Params::from(&model), &camera, &twin(settings));
     let worth = twin.projected.iter().flatten().fold(0.0, |m: f64, p| m.max(p.colour.element_sum()));
     let opacity = 1.0 / (1.0 + (-f64::from(logit)).exp());
     let slope = opacity * (1.0 - opacity); // derivative of alpha by the logit

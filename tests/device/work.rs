@@ -1,7 +1,7 @@
 //! Counted work of an iteration of training: the same on every machine, so that a change of it is a change of the code.
 
+use crate::support::synthetic::scattered;
 use glam::DVec3;
-use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, Hazards, TuningChoice, Work};
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
@@ -40,14 +40,7 @@ const fn expected(
 }
 
 fn trainer(device: &Device, gaussians: usize, degree: usize, side: u32) -> Trainer {
-    let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
-    let model = Gaussians {
-        means: (0..gaussians).map(|i| [at(i, 0), at(i, 1), at(i, 2)]).collect(),
-        log_scales: vec![[-4.0; 3]; gaussians],
-        rotations: vec![[1.0, 0.0, 0.0, 0.0]; gaussians],
-        opacity_logits: vec![0.0; gaussians],
-        sh: (0..=degree).map(|l| vec![0.1; gaussians * Gaussians::band_width(l)]).collect(),
-    };
+    let model = scattered(gaussians, degree, -4.0);
     let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, side, side);
     let photo = Photo::opaque(camera, vec![99; (side * side * 4) as usize]);
     let never = u32::MAX;

@@ -56,24 +56,17 @@ fn examples(lpips: &Lpips, folder: &Path) -> [f64; 2] {
 }
 
 #[test]
-fn alexnet_hits_the_published_values() {
-    let (Some(folder), Some(lpips)) = (shared("lpips"), alex()) else { return };
-    assert_eq!((lpips.kind(), lpips.least_size()), (Kind::Alex, 31));
-    let found = examples(&lpips, &folder);
-    println!("alex: {found:?}");
-    for (found, wanted) in found.into_iter().zip([0.721881, 0.137566]) {
-        assert!((found - wanted).abs() < 1e-5, "{found}, published {wanted}");
-    }
-}
-
-#[test]
-fn vgg_hits_the_published_values() {
-    let (Some(folder), Some(lpips)) = (shared("lpips"), vgg()) else { return };
-    assert_eq!((lpips.kind(), lpips.least_size()), (Kind::Vgg, 16));
-    let found = examples(&lpips, &folder);
-    println!("vgg: {found:?}");
-    for (found, wanted) in found.into_iter().zip([0.568613, 0.421664]) {
-        assert!((found - wanted).abs() < 1e-5, "{found}, published {wanted}");
+fn networks_hit_the_published_values() {
+    let Some(folder) = shared("lpips") else { return };
+    let networks = [(alex(), Kind::Alex, 31, [0.721881, 0.137566]), (vgg(), Kind::Vgg, 16, [0.568613, 0.421664])];
+    for (lpips, kind, least, published) in networks {
+        let Some(lpips) = lpips else { continue };
+        assert_eq!((lpips.kind(), lpips.least_size()), (kind, least));
+        let found = examples(&lpips, &folder);
+        println!("{kind:?}: {found:?}");
+        for (found, wanted) in found.into_iter().zip(published) {
+            assert!((found - wanted).abs() < 1e-5, "{found}, published {wanted}");
+        }
     }
 }
 

@@ -6,12 +6,13 @@ mod lens;
 mod panorama;
 mod places;
 mod shared;
+mod units;
 mod wide;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::support::files::writers::{Model, picture, row, transforms, write};
+use crate::support::files::writers::{Model, picture, row, transforms, write, written};
 use glam::{DVec2, DVec3};
 use qirf_vk::scene::lens::{Curve, LensModel};
 use qirf_vk::scene::{AlphaRole, Error, LoadOptions, OpenOptions, Resize, Role, Scene, SceneKind, Split};
@@ -104,14 +105,13 @@ fn blender_axes_become_ours_and_its_split_is_kept() {
 
 #[test]
 fn nerfstudio_splits_intrinsics_and_points() {
-    let scene = tempfile::tempdir().unwrap();
     let top = r#""fl_x": 50, "fl_y": 51, "cx": 30, "cy": 25, "w": 64, "h": 48, "k1": 0.1, "camera_model": "OPENCV_FISHEYE",
         "train_filenames": ["images/c.png", "images/a.png"], "val_filenames": ["images/b.png"],
         "test_filenames": [], "ply_file_path": "sparse_pc.ply", "applied_transform": [[1,0,0,0],[0,1,0,0],[0,0,1,0]]"#;
     let ply = b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
                 property uint8 red\nproperty uint8 green\nproperty uint8 blue\nend_header\n1 2 3 4 5 6\nnan 0 0 1 1 1\n";
     let names = ["images/a.png", "images/b.png", "images/c.png"];
-    write(scene.path(), [("transforms.json", transforms(top, &names)), ("sparse_pc.ply", ply.to_vec())]);
+    let scene = written([("transforms.json", transforms(top, &names)), ("sparse_pc.ply", ply.to_vec())]);
     let opened = open(scene.path()).unwrap();
     assert_eq!(opened.split(8), Split { train: vec![0, 2], test: vec![1] });
     let lens = opened.views[0].lens;
@@ -124,11 +124,10 @@ fn nerfstudio_splits_intrinsics_and_points() {
 
 #[test]
 fn transforms_find_other_photo_folders_and_masks() {
-    let scene = tempfile::tempdir().unwrap();
     let top = r#""fl_x": 50, "w": 64, "h": 48"#;
     let frames = transforms(top, &["images/a.png", ".\\\\images\\\\b.png"]);
     let frames = String::from_utf8(frames).unwrap().replacen("\"file", "\"mask_path\": \"own.png\", \"file", 1);
-    write(scene.path(), [("transforms.json", frames.into_bytes())]);
+    let scene = written([("transforms.json", frames.into_bytes())]);
     picture(&scene.path().join("own.png"), 64, 48);
     picture(&scene.path().join("masks/b.png"), 64, 48);
     picture(&scene.path().join("images_2/a.png"), 32, 24);
@@ -150,8 +149,7 @@ fn transforms_find_other_photo_folders_and_masks() {
 fn every_eighth_view_is_test() {
     let names: Vec<String> = (0..17).map(|i| format!("v{i:02}.png")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let scene = tempfile::tempdir().unwrap();
-    write(scene.path(), row(&names).binary());
+    let scene = written(row(&names).binary());
     let opened = open(scene.path()).unwrap();
     assert_eq!(opened.split(8).test, [0, 8, 16]);
     assert_eq!(opened.split(8).train.len(), 14);
@@ -259,8 +257,7 @@ fn photos_load_at_the_size_of_their_camera() {
 
 #[test]
 fn transparency_is_noticed() {
-    let scene = tempfile::tempdir().unwrap();
-    write(scene.path(), row(&["a.png"]).binary());
+    let scene = written(row(&["a.png"]).binary());
     let path = scene.path().join("images/a.png");
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     image::RgbaImage::from_fn(64, 48, |x, _| image::Rgba([200, 10, 10, if x < 32 { 0 } else { 255 }]))
@@ -338,10 +335,9 @@ fn unknown_models_and_truncation_name_file_and_record() {
         fs::write(scene.path().join(name), [bytes, vec![0; 5]].concat()).unwrap();
         says(&message(open(scene.path())), &[name, "5 bytes follow"]);
     }
-    let text = tempfile::tempdir().unwrap();
     let mut files = row(&["a.png"]).text();
     files[0].1 = b"# one\n1 FISHY 64 48 50\n".to_vec();
-    write(text.path(), files);
+    let text = written(files);
     says(&message(open(text.path())), &["cameras.txt", "line 2", "FISHY", "SIMPLE_PINHOLE"]);
     let mut files = row(&["a.png", "b.png"]).text();
     files[1].1 = b"1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 1 0 0 1 b.png\n".to_vec(); // no lines of 2D points

@@ -1,37 +1,18 @@
 //! Runs that prune by attrition: an exact count, and the same bytes when stopped in its midst.
 
+use super::ended::capture;
+use super::soak::Stopper;
 use crate::support::{new_device, runs};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::Error;
 use qirf_vk::pipeline::config::Pruning;
 use qirf_vk::pipeline::{Output, RunConfig, Session, Silent, Watcher, run};
 use qirf_vk::qirf::select::budget::Keep;
-use qirf_vk::synth::{SynthOptions, write};
-use qirf_vk::train::Progress;
-use std::sync::atomic::{AtomicU32, Ordering};
-
-/// Stops after an iteration.
-struct Stops {
-    after: u32,
-    now: AtomicU32,
-}
-
-impl Watcher for Stops {
-    fn training(&self, progress: &Progress, _: u32) {
-        self.now.store(progress.iteration, Ordering::Relaxed);
-    }
-
-    fn stop(&self) -> bool {
-        self.now.load(Ordering::Relaxed) >= self.after
-    }
-}
+use std::sync::atomic::AtomicU32;
 
 #[test]
 fn stopped_in_the_midst_it_ends_with_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = folder.path().join("scene");
-    let options = SynthOptions { views: 9, width: 48, height: 36, points: 400, ..SynthOptions::default() };
-    write(&scene, &options, &|_| ()).unwrap();
     let device = new_device();
     let trained = |config: &RunConfig, name: &str, watcher: &(dyn Watcher + Sync)| {
         let networks = Networks::default();
@@ -40,7 +21,7 @@ fn stopped_in_the_midst_it_ends_with_the_same_bytes() {
     };
     let mut pruning = Pruning::default();
     pruning.compression.keep = Keep::Count(150);
-    let config = runs::config(&scene, 160).pruned(pruning);
+    let config = runs::config(&capture(folder.path(), 400), 160).pruned(pruning);
 
     let whole = trained(&config, "whole", &Silent).unwrap();
     let [pruned] = &whole.prunes[..] else { panic!("{} prunes", whole.prunes.len()) };
@@ -51,7 +32,7 @@ fn stopped_in_the_midst_it_ends_with_the_same_bytes() {
 
     // Before it, in its midst, and soon after the cut.
     for after in [79, 95, pruned.iteration + 3] {
-        let stopped = trained(&config, "parts", &Stops { after, now: AtomicU32::new(0) });
+        let stopped = trained(&config, "parts", &Stopper(AtomicU32::new(after), AtomicU32::new(0)));
         assert!(matches!(stopped, Err(Error::Interrupted)), "{stopped:?}");
     }
     let resumed = trained(&config, "parts", &Silent).unwrap();

@@ -1,6 +1,7 @@
 //! A scene trained in blocks by tasks: as good as in one piece, and the same bytes whatever happens on the way.
 
-use super::shard::{Stage, flip, good};
+use super::ended::{end, works};
+use super::shard::{Stage, flip};
 use crate::support::documented;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -13,7 +14,7 @@ const STRIP: [&str; 10] =
 /// A folder with a strip, and a plan of its training in three blocks with these options besides.
 fn planned(options: &[&str]) -> (Stage, Vec<super::shard::Listed>) {
     let stage = Stage::empty();
-    good(&stage.qirf(&STRIP));
+    stage.works(&STRIP);
     let tasks = stage.planned("a", &[&["run", "strip", "--blocks", "3"], options].concat());
     (stage, tasks)
 }
@@ -42,18 +43,13 @@ fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
     let (stage, tasks) = planned(&options);
     // Coarse, assign, dense, collect, evidence, choose, tune, collect, settle, collect, finish, join, score, report.
     assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 2 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 1 + 1);
-    let mut all = stage.command(&["shard", "all", "a"]);
-    let said = all.env("QIRF_VALIDATION", "1").output().unwrap();
-    good(&said);
-    let said = String::from_utf8_lossy(&said.stderr).into_owned();
+    let said = works(stage.command(&["shard", "all", "a"]).env("QIRF_VALIDATION", "1")).said;
     assert!(!said.contains("VUID"), "{said}");
-    good(&stage.qirf(&[&["run", "strip", "-o", "one"], &options[..]].concat()));
+    stage.works(&[&["run", "strip", "-o", "one"], &options[..]].concat());
 
     let (blocks, one) = (figures(&stage, "a"), figures(&stage, "one"));
     documented("shard", &blocks);
-    let evaluated = stage.qirf(&["eval", "a/model.ply", "strip", "--json"]);
-    good(&evaluated);
-    let evaluated: Value = serde_json::from_slice(&evaluated.stdout).unwrap();
+    let evaluated = stage.works(&["eval", "a/model.ply", "strip", "--json"]).json();
     for field in ["test", "views", "train", "guards", "ply_bytes"] {
         assert_eq!(blocks[field], evaluated[field], "{field}");
     }
@@ -79,7 +75,7 @@ fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
 fn blocks_have_the_same_bytes_whatever_happens() {
     let options = ["--iterations", "160", "--checkpoint-every", "20"];
     let (mut stage, tasks) = planned(&options);
-    good(&stage.qirf(&["shard", "all", "a"]));
+    stage.works(&["shard", "all", "a"]);
     stage.right = fs::read(stage.path("a/model.ply")).unwrap();
     let again = |folder: &str| stage.planned(folder, &[&["run", "strip", "--blocks", "3"], &options[..]].concat());
 
@@ -101,25 +97,24 @@ fn blocks_have_the_same_bytes_whatever_happens() {
     loop {
         let mut all = stage.command(&["shard", "all", "killed"]);
         let fault = format!("submit:{at}:kill");
-        let ended = all.env("QIRF_DEVICE_FAULT", fault).output().expect("the program starts");
+        let ended = end(all.env("QIRF_DEVICE_FAULT", fault));
         at += 20; // a task without a checkpoint must end at some time
-        if ended.status.code().is_some() {
-            good(&ended);
+        if ended.code.is_some() {
+            ended.with(0, &[]);
             break;
         }
         hit.extend(in_training());
     }
     assert!(hit.len() >= 3, "kills hit {hit:?} alone");
     stage.is_right("killed");
-    let said = stage.qirf(&["shard", "verify", "killed", "--share", "1"]);
-    good(&said);
-    assert!(String::from_utf8_lossy(&said.stdout).contains("tasks gave the same bytes"), "{said:?}");
+    let told = stage.works(&["shard", "verify", "killed", "--share", "1"]).out;
+    assert!(told.contains("tasks gave the same bytes"), "{told}");
 }
 
 #[test]
 fn blocks_of_a_scene_without_photos_held_out_have_figures() {
     let (stage, _) = planned(&["--iterations", "30", "--no-prune", "--eval-every", "0"]);
-    good(&stage.qirf(&["shard", "all", "a"]));
+    stage.works(&["shard", "all", "a"]);
     let figures = figures(&stage, "a");
     assert!(figures["test"].is_null() && figures["views"].as_array().unwrap().is_empty(), "{figures}");
     assert!(psnr(&figures) > 10.0 && figures["protocol"]["train_views"] == 28, "{figures}");
@@ -130,7 +125,7 @@ fn damaged_blocks_and_lost_photos_are_named() {
     let options = ["--iterations", "60", "--no-prune"];
     let (stage, tasks) = planned(&options);
     assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 1 + 1, "nothing is chosen");
-    good(&stage.qirf(&["shard", "all", "a"]));
+    stage.works(&["shard", "all", "a"]);
     for (file, id, reader, written) in [
         ("coarse.safetensors", "coarse", "assign", "assign.json"),
         ("assign.json", "assign", "dense/0000", "dense/0000.safetensors"),
@@ -148,7 +143,7 @@ fn damaged_blocks_and_lost_photos_are_named() {
         assert_eq!(stage.status("a", id), "damaged", "{file}");
         fs::remove_file(stage.path("a").join(written)).unwrap();
         stage.refused(3, &[file], &["shard", "task", "a", reader]);
-        good(&stage.qirf(&["shard", "all", "a"]));
+        stage.works(&["shard", "all", "a"]);
     }
     let photos = stage.path("strip/images");
     let last = fs::read_dir(&photos).unwrap().flatten().map(|e| e.path()).max().unwrap();
@@ -160,8 +155,7 @@ fn damaged_blocks_and_lost_photos_are_named() {
     for options in [&["--schedule", "gradual"][..], &["--preset", "paper"]] {
         stage.refused(2, &["in blocks cannot"], &[&["shard", "plan", "run", "strip", "-o", "b"], options].concat());
     }
-    let said = stage.qirf(&["shard", "plan", "run", "strip", "-o", "b", "--memory-budget", "60M"]);
-    good(&said);
+    stage.works(&["shard", "plan", "run", "strip", "-o", "b", "--memory-budget", "60M"]);
     let plan: Value = serde_json::from_slice(&fs::read(stage.path("b/plan.json")).unwrap()).unwrap();
     assert!(plan["job"]["run"]["blocks"].as_u64().unwrap() > 1, "blocks that fit: {plan}");
     stage.refused(5, &["smallest block"], &["shard", "plan", "run", "strip", "-o", "c", "--memory-budget", "1M"]);

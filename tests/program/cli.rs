@@ -10,11 +10,11 @@ mod tags;
 mod tuning;
 mod wording;
 
+use super::ended::{Ended, content, end, qirf};
 use qirf_vk::gaussians::{Gaussians, formats};
-use serde_json::Value;
 use std::fs;
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::Command;
 use tempfile::TempDir;
 
 /// A folder with a small model, a small scene without photos, and the program.
@@ -45,67 +45,34 @@ impl Sandbox {
         self.path(name)
     }
 
+    /// The program in the folder.
+    pub(super) fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = qirf(arguments);
+        command.current_dir(self.folder.path()).env("QIRF_VALIDATION", "1");
+        command
+    }
+
     /// Runs the program in the folder.
-    pub(super) fn run(&self, arguments: &[&str]) -> Ran {
-        let output = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
-            .args(arguments)
-            .current_dir(self.folder.path())
-            .env("QIRF_VALIDATION", "1")
-            .output()
-            .unwrap();
-        Ran::new(&output, arguments)
+    #[track_caller]
+    pub(super) fn run(&self, arguments: &[&str]) -> Ended {
+        end(&mut self.command(arguments))
     }
 
     /// Runs the program, which must end with this exit code and a message that contains all of `says`.
+    #[track_caller]
     pub(super) fn fails(&self, code: i32, arguments: &[&str], says: &[&str]) {
-        let ran = self.run(arguments);
-        assert_eq!(ran.code, code, "{arguments:?}: {}", ran.err);
-        assert!(ran.err.contains("error: "), "{arguments:?}: {}", ran.err);
-        for words in says {
-            assert!(ran.err.contains(words), "{arguments:?} should say {words:?}: {}", ran.err);
-        }
+        self.run(arguments).with(code, &["error: "]).with(code, says);
     }
 
     /// Runs the program, which must succeed.
-    pub(super) fn works(&self, arguments: &[&str]) -> Ran {
-        let ran = self.run(arguments);
-        assert_eq!(ran.code, 0, "{arguments:?}: {}", ran.err);
-        ran
+    #[track_caller]
+    pub(super) fn works(&self, arguments: &[&str]) -> Ended {
+        self.run(arguments).with(0, &[])
     }
 
     /// Every file with its content.
     pub(super) fn content(&self) -> Vec<(PathBuf, Vec<u8>)> {
-        let mut found = Vec::new();
-        let mut folders = vec![self.folder.path().to_owned()];
-        while let Some(folder) = folders.pop() {
-            for entry in fs::read_dir(folder).unwrap() {
-                let path = entry.unwrap().path();
-                if path.is_dir() { folders.push(path) } else { found.push((path.clone(), fs::read(path).unwrap())) }
-            }
-        }
-        found.sort();
-        found
-    }
-}
-
-pub(super) struct Ran {
-    pub(super) code: i32,
-    pub(super) out: String,
-    pub(super) err: String,
-}
-
-impl Ran {
-    fn new(output: &Output, arguments: &[&str]) -> Self {
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        let (out, err) = (text(&output.stdout), text(&output.stderr));
-        assert!(!err.contains("panicked"), "{arguments:?}: {err}");
-        assert!(!err.contains("validation:"), "{arguments:?}: {err}");
-        assert!(!err.contains('\x1b') && !out.contains('\x1b'), "{arguments:?}: colour codes outside a terminal");
-        Self { code: output.status.code().expect("no signal ended it"), out, err }
-    }
-
-    pub(super) fn json(&self) -> Value {
-        serde_json::from_str(&self.out).expect("one JSON document on standard output")
+        content(self.folder.path())
     }
 }
 

@@ -1,14 +1,13 @@
 //! Comparisons by the real binary: equal counts, one dense model, seeds.
 
-use super::run::{scene, works};
+use super::ended::{qirf, works};
+use super::run::scene;
 use std::path::Path;
-use std::process::Command;
 
 /// A comparison's figures.
 fn compared(scene: &Path, out: &Path, iterations: &str, more: &[&str]) -> serde_json::Value {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    command.arg("compare").arg(scene).arg("-o").arg(out).args(["--iterations", iterations, "--json"]).args(more);
-    serde_json::from_slice(&works(&mut command).stdout).expect("one JSON document")
+    let mut command = qirf(["compare".as_ref(), scene, "-o".as_ref(), out]);
+    works(command.args(["--iterations", iterations, "--json"]).args(more)).json()
 }
 
 /// Methods by name end at the same count: by two cuts, by pressure, and from the beginning by relocation and by learnt masks.
@@ -44,8 +43,7 @@ fn methods_end_at_equal_counts() {
     // An arm's configuration reproduces it, also where nothing, or only later, is pruned.
     for arm in ["pop", "mcmc", "maskgaussian"] {
         let (own, again) = (out.join("arms").join(arm), folder.path().join(arm));
-        let mut run = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        works(run.arg("run").arg("-o").arg(&again).arg("--config").arg(own.join("config.toml")));
+        works(qirf(["run", "--config"]).arg(own.join("config.toml")).arg("-o").arg(&again));
         let model = |folder: &Path| std::fs::read(folder.join("model.ply")).unwrap();
         assert!(model(&again) == model(&own), "{arm}");
         let memory = &super::run::metrics(&again)["memory"];

@@ -1,5 +1,6 @@
 //! `qirf-vk compress`: kept Gaussians, written files, and refusals.
 
+use super::ended::{Ended, capture, end, qirf, works};
 use super::html::parse;
 use crate::support::{device, finish};
 use qirf_vk::gaussians::{Gaussians, formats};
@@ -12,20 +13,18 @@ use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::render::Style;
 use qirf_vk::scene::orbit::UP;
-use qirf_vk::synth::{SynthOptions, write};
 use serde_json::Value;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Sites of the hand-made model.
-const SITES: usize = 150;
+pub const SITES: usize = 150;
 /// Gaussians per site: a visible one, and clones buried below it.
-const CLONES: usize = 4;
+pub const CLONES: usize = 4;
 
 /// A ball of coloured discs, each with three clones inside the ball.
-fn ball() -> Gaussians {
+pub fn ball() -> Gaussians {
     let n = SITES * CLONES;
     let mut model = Gaussians::zeroed(n, 1);
     for i in 0..n {
@@ -46,35 +45,26 @@ fn ball() -> Gaussians {
     model
 }
 
-fn saved(folder: &Path, model: &Gaussians) -> PathBuf {
+pub fn saved(folder: &Path, model: &Gaussians) -> PathBuf {
     let path = folder.join("model.ply");
     formats::write(&path, model, formats::RenderMode::Plain).expect("a model file");
     path
 }
 
-fn compressed(model: &Path, out: &Path, more: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    command.arg("compress").arg(model).arg("-o").arg(out).args(more);
-    command.output().expect("the program starts")
+pub fn compressed(model: &Path, out: &Path, more: &[&str]) -> Ended {
+    end(qirf(["compress".as_ref(), model, "-o".as_ref(), out]).args(more))
 }
 
 /// Few, small virtual views.
-fn small(model: &Path, out: &Path, more: &[&str]) -> Value {
-    figures(&compressed(model, out, &[&["--views", "16", "--size", "64x64", "--json"], more].concat()))
-}
-
-fn figures(output: &Output) -> Value {
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{said}");
-    assert!(!said.contains("panicked"), "{said}");
-    serde_json::from_slice(&output.stdout).expect("one JSON document")
+pub fn small(model: &Path, out: &Path, more: &[&str]) -> Value {
+    compressed(model, out, &[&["--views", "16", "--size", "64x64", "--json"], more].concat()).with(0, &[]).json()
 }
 
 fn psnr(figures: &Value, stage: &str) -> f64 {
     figures["test"][stage]["psnr"].as_f64().unwrap_or_else(|| panic!("{stage}: {}", figures["test"]))
 }
 
-fn count(figures: &Value, file: &str) -> u64 {
+pub fn count(figures: &Value, file: &str) -> u64 {
     figures[file]["gaussians"].as_u64().unwrap_or_else(|| panic!("{file}"))
 }
 
@@ -114,14 +104,13 @@ fn the_kept_are_the_originals_and_as_many_as_asked_for() {
 
     let page = folder.path().join("report.html");
     let more = ["--views", "16", "--size", "64x64", "--report", page.to_str().unwrap()];
-    let said = compressed(&model, &again, &[&more, &exact[..]].concat());
+    let said = compressed(&model, &again, &[&more, &exact[..]].concat()).out;
     let html = parse(&std::fs::read_to_string(&page).unwrap()).unwrap();
     assert_eq!(html.texts("h2"), ["Summary", "Held-out views", "Pruning", "What the blocks say"]);
     assert!(html.texts("#blocks dd").contains(&"low-rank"), "{:?}", html.texts("#blocks dd"));
     assert!(html.texts(".tile").iter().any(|t| t.contains("123") && t.contains("Gaussians")));
     let views = printed["views"].as_array().unwrap().iter().map(|view| view["pruned"]["psnr"].as_f64().unwrap());
     let worst = format!("(worst view {:.2} dB)", views.reduce(f64::min).unwrap());
-    let said = String::from_utf8_lossy(&said.stdout).into_owned();
     assert!(said.contains(&worst), "{worst}: {said}");
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&again).unwrap(), "one input, one output");
 
@@ -132,126 +121,6 @@ fn the_kept_are_the_originals_and_as_many_as_asked_for() {
         assert_eq!((loaded.format, loaded.gaussians.len() as u64), (format, n / 2));
         assert!(figures["prune"]["merged"].is_object());
     }
-}
-
-/// Files of 95 to 100 % of the size in at most nine trials, the same ones again; the line says what was chosen.
-#[test]
-fn files_have_the_size_that_was_asked_for() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = saved(folder.path(), &ball());
-    for (name, size, bytes) in [("a.sog", "4.5kB", 4500), ("a.spz", "3kB", 3000), ("a.ply", "0.03MB", 30_000)] {
-        let path = folder.path().join(name);
-        let made = small(&model, &path, &["--size", size]);
-        let on_disk = std::fs::metadata(&path).unwrap().len();
-        assert!(on_disk <= bytes && 20 * on_disk >= 19 * bytes, "{name}: {on_disk} of {bytes}, {}", made["aim"]);
-        assert_eq!(made["output"]["bytes"].as_u64(), Some(on_disk));
-        assert_eq!(made["aim"]["bytes"].as_u64(), Some(bytes));
-        assert_eq!(made["aim"]["chosen"]["gaussians"], made["output"]["gaussians"]);
-        assert!(made["aim"]["tried"].as_array().is_some_and(|tried| tried.len() <= 9), "{}", made["aim"]);
-        assert!(made["aim"]["chosen"]["psnr"].as_f64().is_some_and(|psnr| psnr > 15.0));
-        assert_eq!(formats::read(&path).unwrap().gaussians.len() as u64, count(&made, "output"));
-    }
-    let (first, again) = (folder.path().join("a.sog"), folder.path().join("b.sog"));
-    let said = compressed(&model, &again, &["--views", "16", "--size", "64x64", "--size", "4.5kB"]);
-    let said = String::from_utf8_lossy(&said.stdout).into_owned();
-    assert!(said.contains(" of 4.5 kB: ") && said.contains(" Gaussians, ") && said.contains(" dB"), "{said}");
-    // The line's PSNR is that of the file, which is not that before packing.
-    let (_, after) = said.split_once("file       PSNR ").expect("the file's own PSNR");
-    let psnr: f64 = after.split(' ').next().and_then(|v| v.parse().ok()).expect("a number");
-    assert!(said.contains(&format!(" Gaussians, {psnr:.1} dB")) && said.contains("before packing"), "{said}");
-    assert!(std::fs::read(&first).unwrap() == std::fs::read(&again).unwrap(), "one input, one output");
-    // Tuned after the search, the file still fits.
-    let tuned = folder.path().join("tuned.sog");
-    small(&model, &tuned, &["--size", "4.5kB", "--fine-tune", "5"]);
-    let bytes = std::fs::metadata(&tuned).unwrap().len();
-    assert!((4275..=4500).contains(&bytes), "{bytes}");
-}
-
-#[test]
-fn pages_have_the_size_that_was_asked_for_and_copies_say_what_they_cost() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = saved(folder.path(), &ball());
-    let convert = |name: &str, more: &[&str]| {
-        let out = folder.path().join(name);
-        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        let ran = command.arg("convert").arg(&model).arg(&out).args(more).output().expect("the program starts");
-        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
-        (ran.status.code(), said, std::fs::metadata(&out).map_or(0, |m| m.len()))
-    };
-    let (code, said, bytes) = convert("a.html", &["--size", "39kB"]);
-    assert!(code == Some(0) && (37_050..=39_000).contains(&bytes) && said.contains(" of 39 kB: "), "{bytes}: {said}");
-    convert("b.html", &[]);
-    let page = std::fs::read_to_string(folder.path().join("b.html")).unwrap();
-    assert!(page.contains("id=\"poster\" src=\"data:image/"), "the page begins with a picture");
-    let (_, said, coarse) = convert("a.spz", &["--sh-bits", "1"]);
-    assert!(said.contains(" dB against it"), "{said}");
-    assert!(said.contains("is a poor copy"), "{said}");
-    let (_, said, fine) = convert("a.spz", &["--sh-bits", "8,8"]);
-    assert!(fine > coarse && !said.contains("poor"), "{said}");
-    assert!(!convert("a.glb", &[]).1.contains(" dB"), "floats cost nothing");
-    for (name, more) in [("a.sog", ["--sh-bits", "5"]), ("a.sog", ["--size", "9kB"]), ("a.sog", ["--lod", "2"])] {
-        assert_eq!(convert(name, &more).0, Some(2), "{more:?}");
-    }
-    assert_eq!(convert("a.html", &["--size", "9kB"]).0, Some(2), "script and style alone take more");
-    let (code, said, bytes) = convert("lod/lod-meta.json", &["--lod", "3"]);
-    assert!(code == Some(0) && bytes > 0 && said.contains("level 2: 67 Gaussians"), "{said}");
-}
-
-#[test]
-fn a_curve_has_files_of_six_sizes_with_their_bytes_by_attribute() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = saved(folder.path(), &ball());
-    let out = folder.path().join("curve");
-    let more = ["--curve", "sog,spz,ply", "--peer", "none", "--views", "16", "--size", "64x64", "--json"];
-    let curve = figures(&compressed(&model, &out, &more));
-    let files = curve["files"].as_array().unwrap();
-    assert!(files.len() > 7, "{curve}");
-    for file in files {
-        let number = |key: &str| file[key].as_u64().unwrap_or_else(|| panic!("{key}: {file}"));
-        assert!(number("bytes") <= number("wanted"), "{file}");
-        let parts = file["parts"].as_array().unwrap();
-        let all: u64 = parts.iter().map(|part| part[1].as_u64().unwrap()).sum();
-        assert!(if file["format"] == "ply" { parts.is_empty() } else { all == number("bytes") }, "{file}");
-    }
-    let losses = curve["attributes"].as_array().unwrap();
-    assert_eq!(losses.iter().filter(|loss| loss["format"] == "spz").count(), 6, "{losses:?}");
-    let csv = std::fs::read_to_string(out.join("curve.csv")).unwrap();
-    assert_eq!(csv.lines().count(), files.len() + 1);
-    let html = parse(&std::fs::read_to_string(out.join("curve.html")).unwrap()).unwrap();
-    assert_eq!(html.select("#plot polyline").len(), 3);
-    let refused = compressed(&model, &out, &["--curve", "sog", "--size", "9kB"]);
-    assert_eq!(refused.status.code(), Some(2));
-    assert_eq!(compressed(&model, &out, &["--curve", "docx"]).status.code(), Some(2));
-}
-
-#[test]
-fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
-    let folder = tempfile::tempdir().unwrap();
-    let model = saved(folder.path(), &ball());
-    let out = folder.path().join("a.sog");
-    let made = small(&model, &out, &["--psnr", "28"]);
-    let reached = made["aim"]["chosen"]["psnr"].as_f64().unwrap();
-    // A few sites more are a dB or two.
-    assert!((27.9..31.0).contains(&reached), "{}", made["aim"]);
-    let whole = compressed(&model, &out, &["--views", "16", "--size", "64x64", "--size", "1GB"]);
-    let said = String::from_utf8_lossy(&whole.stderr).into_owned();
-    assert!(whole.status.success() && said.contains("needs 1000000000 bytes"), "{said}");
-    assert_eq!(formats::read(&out).unwrap().gaussians.len(), SITES * CLONES);
-    std::fs::remove_file(&out).unwrap();
-    let refused = |code: i32, words: &str, more: &[&str]| {
-        let ran = compressed(&model, &out, more);
-        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
-        assert!(ran.status.code() == Some(code) && said.contains(words) && !out.exists(), "{more:?}: {said}");
-    };
-    refused(2, "the smallest SOG file", &["--views", "16", "--size", "64x64", "--size", "100B"]);
-    for bad in ["5", "0", "-1MB", "1TB", "MB", "nanMB"] {
-        refused(2, "--size", &[&format!("--size={bad}")]);
-    }
-    refused(2, "--psnr", &["--psnr", "nan"]);
-    refused(2, "--keep", &["--size", "9kB", "--keep", "0.5"]);
-    refused(2, "--target-count", &["--psnr", "30", "--target-count", "5"]);
-    refused(2, "one of them", &["--size", "9kB", "--psnr", "30"]);
-    refused(2, "--selector pairs", &["--views", "16", "--size", "64x64", "--size", "9kB", "--selector", "css"]);
 }
 
 #[test]
@@ -309,16 +178,13 @@ fn pairs_lose_less_than_dropping() {
 fn models_are_scored_against_their_originals() {
     let folder = tempfile::tempdir().unwrap();
     let (model, out) = (saved(folder.path(), &ball()), folder.path().join("small.ply"));
-    let compressed = figures(&compressed(&model, &out, &["--json"]));
-    let eval = |more: &[&std::ffi::OsStr]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        command.arg("eval").arg(&out).arg("--against").arg(&model).args(more).output().expect("the program starts")
-    };
-    let scored = figures(&eval(&["--json".as_ref()]));
+    let compressed = compressed(&model, &out, &["--json"]).with(0, &[]).json();
+    let eval = |more: &Path| end(&mut qirf(["eval".as_ref(), &*out, "--against".as_ref(), &model, more]));
+    let scored = eval("--json".as_ref()).with(0, &[]).json();
     assert_eq!(scored["test"]["psnr"], compressed["test"]["pruned"]["psnr"]);
     assert_eq!(scored["gaussians"], serde_json::json!({ "model": 168, "original": 600 }));
     assert_eq!(scored["views"].as_array().unwrap().len(), 6);
-    assert_eq!(eval(&[folder.path().as_os_str()]).status.code(), Some(2), "a scene and a model cannot both be given");
+    eval(folder.path()).with(2, &[]); // a scene and a model cannot both be given
 }
 
 #[test]
@@ -338,24 +204,19 @@ fn fine_tuning_on_the_models_own_pictures_raises_the_score() {
 #[test]
 fn photos_give_evidence_scores_and_fine_tuning() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = folder.path().join("scene");
-    let options = SynthOptions { views: 9, width: 48, height: 36, points: 400, ..SynthOptions::default() };
-    write(&scene, &options, &|_| ()).expect("a synthetic scene");
-    let trained = folder.path().join("trained");
-    let mut run = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    run.arg("run").arg(&scene).arg("-o").arg(&trained).args(["--no-prune", "--iterations", "200", "--sh-degree", "1"]);
-    run.args(["--size", "12kB", "--with-model"]);
-    let run = run.output().unwrap();
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let (scene, trained) = (capture(folder.path(), 400), folder.path().join("trained"));
+    let mut run = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &trained]);
+    run.args(["--no-prune", "--iterations", "200", "--sh-degree", "1", "--size", "12kB", "--with-model"]);
+    let run = works(&mut run);
     let packed = std::fs::metadata(trained.join("model.sog")).unwrap().len();
-    assert!((11_400..=12_000).contains(&packed), "{packed}: {}", String::from_utf8_lossy(&run.stdout));
+    assert!((11_400..=12_000).contains(&packed), "{packed}: {}", run.out);
     let html = parse(&std::fs::read_to_string(trained.join("report.html")).unwrap()).unwrap();
     assert!(html.select("#model iframe")[0].attribute("srcdoc").is_some_and(|page| page.contains("id=\"model\"")));
     let out = folder.path().join("small.ply");
     let scene = scene.to_str().unwrap();
     let pruned = ["--scene", scene, "--selector", "importance", "--keep", "0.1"];
     let more = [&pruned[..], &["--fine-tune", "80", "--eval-every", "3", "--json"]].concat();
-    let figures = figures(&compressed(&trained.join("model.ply"), &out, &more));
+    let figures = compressed(&trained.join("model.ply"), &out, &more).with(0, &[]).json();
     let [before, pruned, tuned] = ["before", "pruned", "fine_tuned"].map(|stage| psnr(&figures, stage));
     println!("{before:.2} dB, pruned {pruned:.2} dB, fine-tuned {tuned:.2} dB");
     assert!(tuned > pruned && before > 10.0);
@@ -408,10 +269,8 @@ fn what_cannot_be_is_refused_before_any_work() {
     let model = saved(folder.path(), &ball());
     let out = folder.path().join("out.ply");
     let refused = |code: i32, says: &str, out: &Path, more: &[&str]| {
-        let output = compressed(&model, out, more);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(code) && said.contains(says), "{more:?}: {said}");
-        assert!(said.lines().count() <= 12 && !said.contains("panicked"), "{said}");
+        let said = compressed(&model, out, more).with(code, &[says]).said;
+        assert!(said.lines().count() <= 12, "{said}");
     };
     refused(2, ".spz", &folder.path().join("out.txt"), &[]);
     refused(2, "input file itself", &model, &[]);
@@ -428,8 +287,7 @@ fn what_cannot_be_is_refused_before_any_work() {
     refused(3, "nowhere", &out, &["--scene", "nowhere"]);
     refused(5, "absent", &folder.path().join("absent/out.ply"), &[]);
     refused(5, "--size", &out, &["--memory-budget", "100k"]);
-    let nothing = compressed(&folder.path().join("nothing.ply"), &out, &[]);
-    assert_eq!(nothing.status.code(), Some(3));
+    compressed(&folder.path().join("nothing.ply"), &out, &[]).with(3, &[]);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing was written");
 }
 

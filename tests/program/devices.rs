@@ -1,32 +1,23 @@
 //! Devices as the environment describes them: what the program refuses by name, and what it starts on all the same.
 
+use super::ended::{Ended, end, qirf, works};
 use crate::support::mutants::Mistake;
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::Stdio;
 
-fn device(variables: &[(&str, &str)]) -> Output {
-    let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    program.args(["device", "--json"]).env("QIRF_VALIDATION", "1").envs(variables.iter().copied());
-    program.output().expect("the program starts")
+fn device(variables: &[(&str, &str)]) -> Ended {
+    end(qirf(["device", "--json"]).env("QIRF_VALIDATION", "1").envs(variables.iter().copied()))
 }
 
 fn opens(variables: &[(&str, &str)]) -> Value {
-    let output = device(variables);
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && !told.contains("validation:"), "{variables:?}: {told}");
-    serde_json::from_slice(&output.stdout).expect("one JSON document")
+    device(variables).with(0, &[]).json()
 }
 
 fn refused(variables: &[(&str, &str)], code: i32, says: &[&str]) {
-    let output = device(variables);
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(code), "{variables:?}: {told}");
-    for words in says {
-        assert!(told.contains(words), "{variables:?} should say {words:?}: {told}");
-    }
+    device(variables).with(code, says);
 }
 
 #[test]
@@ -95,11 +86,8 @@ fn a_device_that_rounds_differently_is_warned_of() {
         shaders: &["train/loss", "train/loss_tiles"],
     };
     let modules = mistake.modules();
-    let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    let output = program.args(["selftest", "--quick", "--json"]).env("QIRF_SHADERS", modules.path()).output().unwrap();
-    let warned = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && warned.contains("this device rounds differently"), "{warned}");
-    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let ended = end(qirf(["selftest", "--quick", "--json"]).env("QIRF_SHADERS", modules.path()));
+    let told = ended.with(0, &["this device rounds differently"]).json();
     assert_eq!((&told["passed"], &told["counts"]["wrong"]), (&true.into(), &0.into()));
     let checks = told["checks"].as_array().unwrap();
     let beyond: Vec<&Value> = checks.iter().filter(|check| check["verdict"] == "rounding").collect();
@@ -107,10 +95,8 @@ fn a_device_that_rounds_differently_is_warned_of() {
 }
 
 /// `qirf-vk device --device WANTED`, with leases in `folder`.
-fn ask(wanted: &str, folder: &Path) -> Output {
-    let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    program.args(["device", "--json", "--device", wanted]).env("QIRF_LEASES", folder);
-    program.output().expect("the program starts")
+fn ask(wanted: &str, folder: &Path) -> Ended {
+    end(qirf(["device", "--json", "--device", wanted]).env("QIRF_LEASES", folder))
 }
 
 #[test]
@@ -120,11 +106,10 @@ fn a_device_is_named_by_its_uuid_and_its_place_on_the_bus() {
     let chosen = &told["devices"][told["chosen"].as_u64().unwrap() as usize];
     let uuid = chosen["uuid"].as_str().expect("Vulkan 1.2 has UUIDs");
     for wanted in [format!("uuid:{uuid}"), format!("uuid:GPU-{}", uuid.to_uppercase())] {
-        let output = ask(&wanted, folder.path());
-        assert!(output.status.success(), "{wanted}: {}", String::from_utf8_lossy(&output.stderr));
+        ask(&wanted, folder.path()).with(0, &[]);
     }
     if let Some(pci) = chosen["pci"].as_str() {
-        assert!(ask(&format!("pci:{pci}"), folder.path()).status.success(), "{pci}");
+        ask(&format!("pci:{pci}"), folder.path()).with(0, &[]);
     }
     let other = if uuid.starts_with('0') { uuid.replacen('0', "1", 1) } else { format!("0{}", &uuid[1..]) };
     for (wanted, code, says) in [
@@ -133,9 +118,7 @@ fn a_device_is_named_by_its_uuid_and_its_place_on_the_bus() {
         ("uuid:12".to_owned(), 2, "'12' is no UUID"),
         ("pci:zero".to_owned(), 2, "'zero' is no PCI address"),
     ] {
-        let output = ask(&wanted, folder.path());
-        let told = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(code) && told.contains(says), "{wanted}: {told}");
+        ask(&wanted, folder.path()).with(code, &[says]);
     }
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0, "none of these takes a lease");
 }
@@ -145,29 +128,26 @@ fn a_device_is_named_by_its_uuid_and_its_place_on_the_bus() {
 #[test]
 fn a_free_device_is_held_by_one_process_until_it_dies() {
     let folder = tempfile::tempdir().unwrap();
-    let alone = ask("free", folder.path());
-    assert!(alone.status.success(), "{}", String::from_utf8_lossy(&alone.stderr));
+    ask("free", folder.path()).with(0, &[]);
     let count = opens(&[])["devices"].as_array().unwrap().len();
     if count > 1 {
         return crate::support::skip("several devices: who gets which is not told");
     }
     // It prints its device's name once it holds it, and then waits for work that never ends.
-    let mut holder = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    holder.args(["selftest", "--device", "free"]).env("QIRF_LEASES", folder.path());
+    let mut holder = qirf(["selftest", "--device", "free"]);
+    holder.env("QIRF_LEASES", folder.path());
     holder.env("QIRF_DEVICE_FAULT", "wait:4:hang").stdout(Stdio::piped()).stderr(Stdio::null());
     let mut holder = holder.spawn().expect("the program starts");
     let mut device = String::new();
     let mut printed = BufReader::new(holder.stdout.take().unwrap()); // a closed pipe would end it
     printed.read_line(&mut device).unwrap();
     assert!(!device.is_empty(), "the holder ended without a device");
-    let refused = ask("free", folder.path());
-    let told = String::from_utf8_lossy(&refused.stderr);
-    assert!(refused.status.code() == Some(4) && told.contains("held by other processes"), "{told}");
-    assert!(ask("0", folder.path()).status.success(), "who names the device gets it");
+    ask("free", folder.path()).with(4, &["held by other processes"]);
+    ask("0", folder.path()).with(0, &[]); // who names the device gets it
     holder.kill().unwrap(); // SIGKILL
     holder.wait().unwrap();
     drop(printed);
-    assert!(ask("free", folder.path()).status.success(), "the lease died with its holder");
+    ask("free", folder.path()).with(0, &[]); // the lease died with its holder
 }
 
 /// Variables of vendors whose devices are not here change nothing.
@@ -184,10 +164,7 @@ fn variables_of_other_vendors_hide_nothing() {
 
 /// `qirf-vk device --fingerprint` with these variables.
 fn fingerprint(variables: &[(&str, &str)]) -> String {
-    let mut program = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    let output = program.args(["device", "--fingerprint"]).envs(variables.iter().copied()).output().unwrap();
-    assert!(output.status.success(), "{variables:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap().trim().to_owned()
+    works(qirf(["device", "--fingerprint"]).envs(variables.iter().copied())).out.trim().to_owned()
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Which command dispatches which kernel: the last column of the equations in docs/engine.md, held against what commands do.
 
-use super::run::{command, scene, works};
+use super::ended::works;
+use super::run::{command, scene};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -22,8 +23,7 @@ fn documented() -> Vec<(String, Vec<String>)> {
 /// Kernels that a command dispatches: a pipeline is made at its first dispatch, and told of.
 fn dispatched(scene: &Path, out: &Path, options: &str) -> BTreeSet<String> {
     let more: Vec<&str> = options.split(' ').filter(|o| !o.is_empty()).chain(["-v", "-v"]).collect();
-    let output = works(&mut command(scene, out, &more));
-    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    let text = works(&mut command(scene, out, &more)).said;
     text.lines().filter_map(|line| line.split_once("pipeline ")?.1.split(' ').next().map(str::to_owned)).collect()
 }
 

@@ -85,7 +85,7 @@ fn what_goes_is_counted_with_its_reason() {
     let line =
         ["edit", "strange.ply", "-o", "out.ply", "--remove", "invisible", "--remove", "needles", "--max-size", "1e3"];
     let ran = sandbox.works(&[&line[..], &["--min-opacity", "0.1", "--sh-degree", "0", "--json"]].concat());
-    assert!(ran.err.contains("1 Gaussian removed for NaN") && ran.err.contains("zero scales"), "{}", ran.err);
+    assert!(ran.said.contains("1 Gaussian removed for NaN") && ran.said.contains("zero scales"), "{}", ran.said);
     let document = ran.json();
     documented("edit", &document);
     let removed =

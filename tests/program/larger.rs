@@ -1,11 +1,10 @@
 //! Models larger than the device: every command that reads one does its work in parts, and writes the same bytes.
 
+use super::ended::{self, Ended, end};
 use crate::support::Random;
 use qirf_vk::gaussians::{Gaussians, formats};
-use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 /// Bytes of the largest buffer: 2,700 of the 4,000 Gaussians have room for their colours.
 const BUFFERS: &str = "buffers=100000";
@@ -31,20 +30,14 @@ pub(super) fn ball(folder: &Path) -> PathBuf {
 }
 
 /// Runs the program on a device with large buffers, or with small ones.
-fn qirf(folder: &Path, small: bool, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    if small {
-        command.env("QIRF_LIMITS", BUFFERS);
-    }
-    command.current_dir(folder).args(arguments).output().expect("the program starts")
+fn qirf(folder: &Path, small: bool, arguments: &[&str]) -> Ended {
+    end(ended::qirf(arguments).current_dir(folder).envs(small.then_some(("QIRF_LIMITS", BUFFERS))))
 }
 
-/// Its standard error; it must have ended well, and told of parts just where it drew them.
-fn told(output: &Output, parts: bool) -> String {
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
-    assert_eq!(said.contains("4000 Gaussians are more than"), parts, "{said}");
-    said
+/// It must have ended well, and told of parts just where it drew them.
+fn told(ended: Ended, parts: bool) -> Ended {
+    assert_eq!(ended.said.contains("4000 Gaussians are more than"), parts, "{}", ended.said);
+    ended.with(0, &[])
 }
 
 fn files(folder: &Path) -> Vec<(String, Vec<u8>)> {
@@ -63,14 +56,12 @@ fn larger_models_are_compressed_rendered_and_scored_with_the_same_bytes() {
     for (small, out) in [(false, "whole"), (true, "parts")] {
         let model = format!("{out}.ply");
         let compress = ["compress", "ball.ply", "-o", &model, "--views", "20", "--size", "72x56", "--json"];
-        told(&qirf(root, small, &compress), small);
+        told(qirf(root, small, &compress), small);
         let render = ["render", "ball.ply", "--orbit", "3", "--size", "80x60", "--format", "npy", "-o", out];
-        told(&qirf(root, small, &render), small);
+        told(qirf(root, small, &render), small);
         // The device holds the compressed model, and not the original.
         let eval = qirf(root, small, &["eval", "whole.ply", "--against", "ball.ply", "--json"]);
-        told(&eval, small);
-        let figures: Value = serde_json::from_slice(&eval.stdout).expect("one JSON document");
-        scores.push(figures["test"].clone());
+        scores.push(told(eval, small).json()["test"].clone());
     }
     assert!(fs::read(root.join("whole.ply")).unwrap() == fs::read(root.join("parts.ply")).unwrap());
     assert_eq!(files(&root.join("whole")), files(&root.join("parts")));
@@ -88,13 +79,12 @@ fn budgets_of_memory_change_no_byte() {
         let options = ["compress", "ball.ply", "-o", out, "--views", "12", "--size", "72x56"];
         qirf(root, false, &[&options[..], more].concat())
     };
-    told(&compress("whole.ply", &[]), false);
+    told(compress("whole.ply", &[]), false);
     let right = fs::read(root.join("whole.ply")).unwrap();
     let mut in_parts = 0;
     for budget in ["4M", "3500k", "3M", "2500k", "2M", "1500k"] {
-        let ended = compress("tight.ply", &["--memory-budget", budget]);
-        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-        match ended.status.code() {
+        let Ended { code, said, .. } = compress("tight.ply", &["--memory-budget", budget]);
+        match code {
             Some(0) => {
                 assert!(fs::read(root.join("tight.ply")).unwrap() == right, "{budget}");
                 in_parts += u32::from(said.contains("drawn in parts"));
@@ -102,7 +92,7 @@ fn budgets_of_memory_change_no_byte() {
             Some(5) => assert!(said.contains("bytes") && !root.join("tight.ply").exists(), "{budget}: {said}"),
             _ => panic!("{budget}: {said}"),
         }
-        println!("{budget}: {:?}", ended.status.code());
+        println!("{budget}: {code:?}");
         let _ = fs::remove_file(root.join("tight.ply"));
     }
     assert!(in_parts > 0);
@@ -114,9 +104,7 @@ fn what_must_be_on_the_device_at_once_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     ball(root);
-    let ended = qirf(root, true, &["compress", "ball.ply", "-o", "css.ply", "--selector", "css", "--views", "8"]);
-    let said = String::from_utf8_lossy(&ended.stderr);
-    assert_eq!(ended.status.code(), Some(5), "{said}");
-    assert!(said.contains("binds at most 100000") && said.contains("--selector pairs"), "{said}");
+    qirf(root, true, &["compress", "ball.ply", "-o", "css.ply", "--selector", "css", "--views", "8"])
+        .with(5, &["binds at most 100000", "--selector pairs"]);
     assert!(!root.join("css.ply").exists());
 }

@@ -1,5 +1,6 @@
 //! The page of a run: well formed, self-contained and without NaN, whatever the results contain.
 
+use super::ended::{capture, qirf, works};
 use super::html::{Html, parse};
 use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind, TunedDevice, Tuning};
 use qirf_vk::metrics::Scores;
@@ -15,11 +16,9 @@ use qirf_vk::qirf::study::Merging;
 use qirf_vk::report::plot::{Axis, Bar, Columns, Line, Lines, Mark, Scatter, Spot, bars};
 use qirf_vk::report::{of_run, page};
 use qirf_vk::scene::{Names, Skipped};
-use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::train::method::Cut;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::process::Command;
 
 /// Text that becomes markup if it is not escaped.
 const EVIL: &str = "a<b>&\"'</script><script>alert(1)</script>/é.png";
@@ -342,20 +341,16 @@ pub fn works_in_a_browser(page: &Path) {
 }
 
 fn run(scene: &Path, out: &Path, more: &[&str]) -> (String, Html) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    command.arg("run").arg(scene).arg("-o").arg(out).args(["--iterations", "120"]).args(more);
-    let ran = command.output().expect("the program starts");
-    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let mut command = qirf(["run".as_ref(), scene, "-o".as_ref(), out]);
+    let said = works(command.args(["--iterations", "120"]).args(more)).out;
     let page = std::fs::read_to_string(out.join("report.html")).expect("report.html");
-    (String::from_utf8(ran.stdout).unwrap(), sound(&page))
+    (said, sound(&page))
 }
 
 #[test]
 fn a_run_leaves_its_report_and_names_it() {
     let folder = tempfile::tempdir().unwrap();
-    let (scene, out) = (folder.path().join("scene"), folder.path().join("out"));
-    let options = SynthOptions { views: 9, width: 48, height: 36, points: 400, ..SynthOptions::default() };
-    write(&scene, &options, &|_| ()).expect("a synthetic scene");
+    let (scene, out) = (capture(folder.path(), 400), folder.path().join("out"));
     let (said, html) = run(&scene, &out, &[]);
     let last = said.lines().last().unwrap_or_default();
     assert!(last.ends_with(&out.join("report.html").display().to_string()), "{said}");

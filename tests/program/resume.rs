@@ -1,6 +1,7 @@
 //! Runs that were killed or failed, and go on.
 
-use super::run::{command, metrics, model, scene, works};
+use super::ended::{end, qirf, works};
+use super::run::{command, metrics, model, scene};
 use qirf_vk::pipeline::run_log::LogLine;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::path::Path;
@@ -44,8 +45,8 @@ fn killed_among_the_last_iterates_it_ends_with_the_same_bytes() {
     // The mean begins with iteration 229 of 240.
     std::fs::write(&late, config.replace("checkpoint_every = 20", "checkpoint_every = 234")).unwrap();
     let run = || {
-        let mut run = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        run.args(["run", "--config"]).arg(&late).arg("-o").arg(&broken);
+        let mut run = qirf(["run", "--config"]);
+        run.arg(&late).arg("-o").arg(&broken);
         run
     };
     let checkpoint = broken.join("checkpoint.safetensors");
@@ -76,21 +77,15 @@ fn a_resumed_run_keeps_its_tuning() {
     works(run(&whole, &[]).env("QIRF_TUNING", CHANGED));
     assert_eq!(metrics(&whole)["device"]["tuning"]["loss_rounds"], 2);
     // The fault ends it after some checkpoints.
-    let failed = run(&broken, &[]).env("QIRF_TUNING", CHANGED).env("QIRF_DEVICE_FAULT", "wait:120:lost").output();
-    assert_eq!(failed.expect("the program starts").status.code(), Some(4));
+    end(run(&broken, &[]).env("QIRF_TUNING", CHANGED).env("QIRF_DEVICE_FAULT", "wait:120:lost")).with(4, &[]);
     assert!(broken.join("checkpoint.safetensors").exists());
     works(&mut run(&broken, &["--resume"]));
     assert_eq!(metrics(&broken)["device"]["tuning"], metrics(&whole)["device"]["tuning"]);
     assert_eq!(model(&whole), model(&broken));
-    let mut repeated = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    works(repeated.args(["run", "--config"]).arg(whole.join("config.toml")).arg("-o").arg(&again));
+    works(qirf(["run", "--config"]).arg(whole.join("config.toml")).arg("-o").arg(&again));
     assert_eq!(model(&whole), model(&again));
 
-    let refused = |text: &str, named: &str| {
-        let output = run(&again, &[]).env("QIRF_TUNING", text).output().expect("the program starts");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(2) && said.contains(named), "{:?}: {said}", output.status);
-    };
+    let refused = |text: &str, named: &str| drop(end(run(&again, &[]).env("QIRF_TUNING", text)).with(2, &[named]));
     refused("riva", "nvidia");
     refused("cpu,tiles=8", "'tiles'");
     refused("scan_workgroup=7", "scan_workgroup");
@@ -103,23 +98,14 @@ fn other_options_and_damaged_checkpoints_are_refused() {
     let out = folder.path().join("out");
     std::fs::create_dir(&out).unwrap();
     std::fs::write(out.join("checkpoint.safetensors"), b"no checkpoint at all").unwrap();
-    let output = command(&scene, &out, &["--resume"]).output().unwrap();
-    assert_eq!(output.status.code(), Some(3), "{}", String::from_utf8_lossy(&output.stderr));
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("checkpoint.safetensors") && said.contains("delete"), "{said}");
+    end(&mut command(&scene, &out, &["--resume"])).with(3, &["checkpoint.safetensors", "delete"]);
     assert!(!out.join("model.ply").exists());
 
-    let output = command(&folder.path().join("nowhere"), &folder.path().join("new"), &[]).output().unwrap();
-    assert_eq!(output.status.code(), Some(3));
+    end(&mut command(&folder.path().join("nowhere"), &folder.path().join("new"), &[])).with(3, &[]);
 }
 
 fn says(command: &mut Command, code: i32, parts: &[&str]) {
-    let output = command.output().expect("the program starts");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(code), "{said}");
-    for part in parts {
-        assert!(said.contains(part), "{said:?} lacks {part:?}");
-    }
+    end(command).with(code, parts);
 }
 
 /// Hours of training must not be lost by a forgotten option.
@@ -128,8 +114,7 @@ fn an_interrupted_run_is_not_overwritten_and_other_options_are_named_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let out = folder.path().join("out");
-    let failed = command(&scene, &out, &[]).env("QIRF_DEVICE_FAULT", "wait:120:lost").output();
-    assert_eq!(failed.expect("the program starts").status.code(), Some(4));
+    end(command(&scene, &out, &[]).env("QIRF_DEVICE_FAULT", "wait:120:lost")).with(4, &[]);
     let checkpoint = || std::fs::read(out.join("checkpoint.safetensors")).expect("a checkpoint");
     let before = checkpoint();
     says(&mut command(&scene, &out, &[]), 2, &["checkpoint.safetensors", "--resume", "delete"]);
@@ -154,8 +139,7 @@ fn a_finished_run_is_left_as_it_is() {
     let files = ["model.ply", "metrics.json", "config.toml", "report.html"];
     let before = files.map(written);
     says(&mut command(&scene, &out, &["--resume"]), 0, &["finished"]);
-    let told = works(&mut command(&scene, &out, &["--resume", "--json"])).stdout;
-    assert_eq!(serde_json::from_slice::<serde_json::Value>(&told).expect("JSON"), metrics(&out));
+    assert_eq!(works(&mut command(&scene, &out, &["--resume", "--json"])).json(), metrics(&out));
     says(&mut command(&scene, &out, &["--seed", "2", "--resume"]), 2, &["seed was 1, is 2"]);
     assert_eq!(before, files.map(written));
     let photos = scene.join("images");

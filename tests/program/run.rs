@@ -1,5 +1,6 @@
 //! Whole runs of the real binary: their files and figures.
 
+use super::ended::{Ended, capture, end, qirf, works};
 use crate::support::{new_device, runs};
 use qirf_vk::gpu::Device;
 use qirf_vk::metrics::Networks;
@@ -7,28 +8,18 @@ use qirf_vk::pipeline::run_log::LogLine;
 use qirf_vk::pipeline::setup::Setup;
 use qirf_vk::pipeline::{Init, Preset, RunConfig, Session, Silent, prepare, run};
 use qirf_vk::scene::{PhotoMemory, Pixels};
-use qirf_vk::synth::{SynthOptions, write};
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
 
 pub fn scene(folder: &Path) -> PathBuf {
-    let scene = folder.join("scene");
-    let options = SynthOptions { views: 9, width: 48, height: 36, points: 400, ..SynthOptions::default() };
-    write(&scene, &options, &|_| ()).expect("a synthetic scene");
-    scene
+    capture(folder, 400)
 }
 
 pub fn command(scene: &Path, out: &Path, more: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    command.arg("run").arg(scene).arg("-o").arg(out);
+    let mut command = qirf(["run".as_ref(), scene, "-o".as_ref(), out]);
     command.args(["--iterations", "240", "--checkpoint-every", "20"]).args(more);
     command
-}
-
-pub fn works(command: &mut Command) -> Output {
-    let output = command.output().expect("the program starts");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    output
 }
 
 pub fn model(out: &Path) -> Vec<u8> {
@@ -40,10 +31,8 @@ fn a_run_leaves_what_reproduces_it() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let (first, second) = (folder.path().join("first"), folder.path().join("second"));
-    let output = works(&mut command(&scene, &first, &["--json"]));
-    let printed: serde_json::Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
-    let text = std::fs::read_to_string(first.join("metrics.json")).expect("metrics.json");
-    let metrics: serde_json::Value = serde_json::from_str(&text).expect("metrics.json is JSON");
+    let printed = works(&mut command(&scene, &first, &["--json"])).json();
+    let metrics = self::metrics(&first);
     assert_eq!(printed, metrics);
     for key in ["/test/psnr", "/test/ssim", "/gaussians/dense", "/gaussians/final", "/time/total_s", "/curve/0/psnr"] {
         assert!(metrics.pointer(key).is_some_and(serde_json::Value::is_number), "{key}");
@@ -55,13 +44,8 @@ fn a_run_leaves_what_reproduces_it() {
     assert!(!first.join("checkpoint.safetensors").exists(), "a whole run leaves no checkpoint");
 
     // Its own config.toml gives the same bytes.
-    let mut again = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    again
-        .args(["run", "--json-progress", "--no-report", "--config"])
-        .arg(first.join("config.toml"))
-        .arg("-o")
-        .arg(&second);
-    let printed = String::from_utf8(works(&mut again).stdout).unwrap();
+    let mut again = qirf(["run", "--json-progress", "--no-report", "--config"]);
+    let printed = works(again.arg(first.join("config.toml")).arg("-o").arg(&second)).out;
     assert_eq!(model(&first), model(&second), "the same run gives the same bytes");
 
     assert!(first.join("report.html").exists() && !second.join("report.html").exists());
@@ -82,8 +66,8 @@ fn a_run_leaves_what_reproduces_it() {
     assert!(log.iter().all(|line| line.loss.is_some() && line.rates.means > 0.0 && line.device_bytes > 0));
 }
 
-fn eval(arguments: &[&std::ffi::OsStr]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_qirf-vk")).arg("eval").args(arguments).output().expect("the program starts")
+fn eval(arguments: &[&OsStr]) -> Ended {
+    end(qirf(["eval"]).args(arguments))
 }
 
 pub fn metrics(out: &Path) -> serde_json::Value {
@@ -96,16 +80,14 @@ fn eval_gives_a_runs_model_the_runs_scores() {
     let scene = scene(folder.path());
     let (out, again) = (folder.path().join("out"), folder.path().join("again"));
     let more = ["--iterations", "60", "--antialias", "--eval-every", "3", "--background", "0.2,0.4,0.6"];
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    works(command.arg("run").arg(&scene).arg("-o").arg(&out).args(["--no-prune", "--resolution", "40"]).args(more));
+    let mut command = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &out]);
+    works(command.args(["--no-prune", "--resolution", "40"]).args(more));
     let (model, config) = (out.join("model.ply"), out.join("config.toml"));
     let run = metrics(&out);
     assert_eq!(qirf_vk::gaussians::formats::read(&model).unwrap().mode.to_string(), "anti-aliased");
 
-    let [config_flag, o] = ["--config", "-o"].map(std::ffi::OsStr::new);
-    let output = eval(&[model.as_ref(), config_flag, config.as_ref(), o, again.as_ref()]);
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let [config_flag, o] = ["--config", "-o"].map(OsStr::new);
+    let text = eval(&[model.as_ref(), config_flag, config.as_ref(), o, again.as_ref()]).with(0, &[]).out;
     let scored = metrics(&again);
     for key in ["test", "train", "views"] {
         assert_eq!(run[key], scored[key], "{key}");
@@ -128,21 +110,18 @@ fn eval_gives_a_runs_model_the_runs_scores() {
 
     // Options on the command line override the file: other options, other scores.
     let mut arguments = vec![model.as_os_str(), config_flag, config.as_ref()];
-    arguments.extend(["--eval-every", "1", "--json"].map(std::ffi::OsStr::new));
-    let json: serde_json::Value = serde_json::from_slice(&eval(&arguments).stdout).expect("one JSON document");
+    arguments.extend(["--eval-every", "1", "--json"].map(OsStr::new));
+    let json = eval(&arguments).json();
     assert_eq!((&json["protocol"]["test_views"], &json["protocol"]["train_views"]), (&9.into(), &0.into()));
     assert!(json["train"]["psnr"].is_null());
     // The model's tag says that it is anti-aliased, also in another format.
     let converted = folder.path().join("model.spz");
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    works(command.arg("convert").arg(&model).arg(&converted));
-    let more =
-        ["--resolution", "40", "--eval-every", "3", "--background", "0.2,0.4,0.6", "--json"].map(std::ffi::OsStr::new);
+    works(&mut qirf(["convert".as_ref(), &*model, &converted]));
+    let more = ["--resolution", "40", "--eval-every", "3", "--background", "0.2,0.4,0.6", "--json"].map(OsStr::new);
     let of = |model: &Path, options: &[&str]| -> f64 {
         let mut arguments = vec![model.as_os_str(), scene.as_ref()];
-        arguments.extend(more.iter().copied().chain(options.iter().map(std::ffi::OsStr::new)));
-        let scored: serde_json::Value = serde_json::from_slice(&eval(&arguments).stdout).expect("one JSON document");
-        scored["test"]["psnr"].as_f64().unwrap()
+        arguments.extend(more.iter().copied().chain(options.iter().map(OsStr::new)));
+        eval(&arguments).json()["test"]["psnr"].as_f64().unwrap()
     };
     let own = run["test"]["psnr"].as_f64().unwrap();
     assert_eq!(of(&model, &[]), own);
@@ -150,9 +129,7 @@ fn eval_gives_a_runs_model_the_runs_scores() {
     assert_ne!(of(&model, &["--antialias=off"]), own);
     assert_ne!(of(&model, &["--dilation", "0.3"]), own);
     // Without the file the scene's own size and background are used.
-    let json = std::ffi::OsStr::new("--json");
-    let plain: serde_json::Value =
-        serde_json::from_slice(&eval(&[model.as_ref(), scene.as_ref(), json]).stdout).expect("one JSON document");
+    let plain = eval(&[model.as_ref(), scene.as_ref(), "--json".as_ref()]).json();
     assert_eq!(plain["protocol"]["image_size"], serde_json::json!([48, 36]));
     assert_ne!(plain["test"], run["test"]);
 }
@@ -172,16 +149,8 @@ fn a_run_from_an_antialiased_model_is_antialiased() {
         (&["--effect", "antialias=off"], false, "the run is plain"),
         (&["--antialias", "--dilation", "0.3"], true, ""),
     ] {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        command.arg("run").arg(&scene).arg("-o").arg(&out).args([
-            "--iterations",
-            "3",
-            "--no-prune",
-            "--resolution",
-            "24",
-        ]);
-        let output = works(command.arg("--init").arg(&smooth).args(more));
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let mut command = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &out, "--init".as_ref(), &smooth]);
+        let said = works(command.args(["--iterations", "3", "--no-prune", "--resolution", "24"]).args(more)).said;
         assert!(said.contains(says) && says.is_empty() != said.contains("smooth.ply: "), "{more:?}: {said}");
         let config = std::fs::read_to_string(out.join("config.toml")).unwrap();
         assert!(config.contains(&format!("\nantialias = {antialias}\n")), "{more:?}: {config}");
@@ -196,13 +165,7 @@ fn a_run_from_an_antialiased_model_is_antialiased() {
 fn memory_is_estimated_before_the_start() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
-    let refused = |command: &mut Command| {
-        let output = command.output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(5), "{said}");
-        assert!(said.contains(" MiB of device memory") && said.contains("--memory-budget"), "{said}");
-        said
-    };
+    let refused = |command: &mut Command| end(command).with(5, &[" MiB of device memory", "--memory-budget"]).said;
     let out = folder.path().join("out");
     let sizes = ["--init", "random", "--init-count", "20000", "--max-gaussians", "50000"];
     let said = refused(command(&scene, &out, &sizes).args(["--memory-budget", "60M"]));
@@ -222,8 +185,7 @@ fn memory_is_estimated_before_the_start() {
     let new = folder.path().join("new");
     let said = refused(command(&scene, &new, &["--memory-budget", "1k"]).arg("--resume"));
     assert!(!said.contains("--max-gaussians"), "nothing fits: {said}");
-    let mut eval = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    refused(eval.arg("eval").arg(out.join("model.ply")).arg(&scene).args(["--memory-budget", "100k"]));
+    refused(qirf(["eval", "--memory-budget", "100k"]).arg(out.join("model.ply")).arg(&scene));
 }
 
 /// Photos in memory and photos in a file give the same bytes and the same scores; the file leaves nothing behind.
@@ -270,12 +232,8 @@ fn eval_refuses_what_it_cannot_score() {
     let scene = scene(folder.path());
     let model = folder.path().join("model.ply");
     std::fs::write(&model, b"no model").unwrap();
-    let refused = |code: i32, says: &str, arguments: &[&std::ffi::OsStr]| {
-        let output = eval(arguments);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(code) && said.contains(says), "{arguments:?}: {said}");
-    };
-    let [o, every, zero] = ["-o", "--eval-every", "0"].map(std::ffi::OsStr::new);
+    let refused = |code: i32, says: &str, arguments: &[&OsStr]| drop(eval(arguments).with(code, &[says]));
+    let [o, every, zero] = ["-o", "--eval-every", "0"].map(OsStr::new);
     refused(2, "name a scene", &[model.as_ref()]);
     refused(3, "model.ply", &[model.as_ref(), scene.as_ref()]);
     let one = qirf_vk::train::initialise::from_points(&[qirf_vk::train::initialise::Seed {

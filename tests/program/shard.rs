@@ -1,11 +1,12 @@
 //! `qirf-vk shard`: a compression in tasks has the bytes of the undivided one, whatever happens on the way.
 
+use super::ended::{Ended, end, qirf, works};
 use super::larger::ball;
 use crate::support::{Random, documented};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Options of the compression: 34 views in three chunks, 6 held out.
@@ -31,7 +32,7 @@ impl Stage {
     fn new() -> Self {
         let stage = Self::empty();
         ball(stage.folder.path());
-        good(&stage.qirf(&[&["compress", "ball.ply", "-o", "small.ply"], &OPTIONS[..]].concat()));
+        stage.works(&[&["compress", "ball.ply", "-o", "small.ply"], &OPTIONS[..]].concat());
         Self { right: fs::read(stage.path("small.ply")).unwrap(), ..stage }
     }
 
@@ -40,13 +41,14 @@ impl Stage {
     }
 
     pub fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        command.env(FINGERPRINT.0, FINGERPRINT.1).current_dir(self.folder.path()).args(arguments);
+        let mut command = qirf(arguments);
+        command.env(FINGERPRINT.0, FINGERPRINT.1).current_dir(self.folder.path());
         command
     }
 
-    pub fn qirf(&self, arguments: &[&str]) -> Output {
-        self.command(arguments).output().expect("the program starts")
+    #[track_caller]
+    pub fn works(&self, arguments: &[&str]) -> Ended {
+        works(&mut self.command(arguments))
     }
 
     /// Starts a command without waiting for it.
@@ -60,7 +62,7 @@ impl Stage {
 
     /// Plans a job into a folder; returns its tasks.
     pub fn planned(&self, folder: &str, job: &[&str]) -> Vec<Listed> {
-        good(&self.qirf(&[&["shard", "plan"], job, &["-o", folder]].concat()));
+        self.works(&[&["shard", "plan"], job, &["-o", folder]].concat());
         let text = fs::read(self.path(folder).join("tasks.json")).unwrap();
         let list: Value = serde_json::from_slice(&text).unwrap();
         documented("shard", &list);
@@ -70,9 +72,7 @@ impl Stage {
     }
 
     pub fn status(&self, folder: &str, id: &str) -> String {
-        let said = self.qirf(&["shard", "status", folder, "--json"]);
-        good(&said);
-        let list: Value = serde_json::from_slice(&said.stdout).unwrap();
+        let list = self.works(&["shard", "status", folder, "--json"]).json();
         documented("shard", &list);
         let task = list["tasks"].as_array().unwrap().iter().find(|t| t["id"] == id).unwrap().clone();
         task["state"].as_str().unwrap().to_owned()
@@ -92,7 +92,7 @@ impl Stage {
             let ready: Vec<usize> = (0..open.len()).filter(|t| open[*t].1.iter().all(there)).collect();
             let next = ready[(random.unit() * ready.len() as f64) as usize];
             let (id, ..) = open.remove(next);
-            good(&prepare(&mut self.command(&["shard", "task", folder, &id])).output().unwrap());
+            works(prepare(&mut self.command(&["shard", "task", folder, &id])));
             assert_eq!(self.status(folder, &id), "done");
         }
     }
@@ -103,15 +103,8 @@ impl Stage {
     }
 
     pub fn refused(&self, code: i32, says: &[&str], arguments: &[&str]) {
-        let output = self.qirf(arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
-        assert!(says.iter().all(|s| said.contains(s)), "{arguments:?}: {said}");
+        end(&mut self.command(arguments)).with(code, says);
     }
-}
-
-pub(super) fn good(output: &Output) {
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 pub(super) fn flip(path: &Path, at: usize) {
@@ -134,8 +127,7 @@ fn tasks_in_any_order_have_the_bytes_of_the_whole() {
         stage.is_right(&folder);
         figures.push(fs::read_to_string(stage.path(&folder).join("metrics.json")).unwrap());
     }
-    let whole = stage.qirf(&[&["compress", "ball.ply", "-o", "again.ply", "--json"], &OPTIONS[..]].concat());
-    let whole: Value = serde_json::from_slice(&whole.stdout).unwrap();
+    let whole = stage.works(&[&["compress", "ball.ply", "-o", "again.ply", "--json"], &OPTIONS[..]].concat()).json();
     for figures in &figures {
         let parts: Value = serde_json::from_str(figures).unwrap();
         for name in ["test", "views", "protocol"] {
@@ -176,7 +168,7 @@ fn killed_work_goes_on_and_copies_do_no_harm() {
 fn damaged_and_foreign_parts_are_named_and_made_again() {
     let stage = Stage::new();
     stage.plan("a");
-    good(&stage.qirf(&["shard", "all", "a"]));
+    stage.works(&["shard", "all", "a"]);
     stage.is_right("a");
     let a = stage.path("a");
 
@@ -197,14 +189,14 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
             let _ = fs::remove_file(a.join(output));
         }
         stage.refused(3, &[file], &["shard", "task", "a", reader]);
-        good(&stage.qirf(&["shard", "all", "a"]));
+        stage.works(&["shard", "all", "a"]);
         stage.is_right("a");
     }
 
     // A part of another plan, of another task, and a model that changed.
-    good(&stage.qirf(&[
+    stage.works(&[
         "shard", "plan", "compress", "ball.ply", "-o", "b", "--views", "40", "--size", "72x56", "--keep", "0.3",
-    ]));
+    ]);
     fs::create_dir(stage.path("b/evidence")).unwrap();
     for n in ["0000", "0001", "0002"] {
         let part = format!("evidence/{n}.safetensors");
@@ -218,10 +210,8 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     stage.refused(2, &["no task"], &["shard", "task", "a", "evidence/0009"]);
     stage.refused(2, &["no task"], &["shard", "task", "a", "dance"]);
     let mut foreign = stage.command(&["shard", "all", "a"]);
-    let output = foreign.env(FINGERPRINT.0, "4567").output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(4) && said.contains("4567") && said.contains("0123"), "{said}");
-    good(&foreign.arg("--mixed").output().unwrap());
+    end(foreign.env(FINGERPRINT.0, "4567")).with(4, &["4567", "0123"]);
+    works(foreign.arg("--mixed"));
     stage.is_right("a");
     fs::remove_file(a.join("evidence/0000.safetensors")).unwrap();
     flip(&stage.path("ball.ply"), 5000);
@@ -235,10 +225,9 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
 fn work_is_verified_by_doing_it_again() {
     let stage = Stage::new();
     stage.plan("v");
-    good(&stage.qirf(&["shard", "all", "v"]));
-    let said = stage.qirf(&["shard", "verify", "v", "--share", "1"]);
-    good(&said);
-    assert!(String::from_utf8_lossy(&said.stdout).contains("5 of 5 tasks gave the same bytes"), "{said:?}");
+    stage.works(&["shard", "all", "v"]);
+    let told = stage.works(&["shard", "verify", "v", "--share", "1"]).out;
+    assert!(told.contains("5 of 5 tasks gave the same bytes"), "{told}");
 
     let path = stage.path("v/score/0000.json");
     let mut sealed: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
@@ -255,12 +244,10 @@ fn work_is_verified_by_doing_it_again() {
 #[test]
 fn tasks_decode_their_own_photos() {
     let mut stage = Stage::empty();
-    good(&stage.qirf(&["synth", "capture", "--views", "30", "--size", "64x48", "--points", "600"]));
-    good(&stage.qirf(&["run", "capture", "-o", "trained", "--iterations", "60", "--no-prune"]));
+    stage.works(&["synth", "capture", "--views", "30", "--size", "64x48", "--points", "600"]);
+    stage.works(&["run", "capture", "-o", "trained", "--iterations", "60", "--no-prune"]);
     let job = ["compress", "trained/model.ply", "--scene", "capture", "--selector", "css"];
-    let said = stage.qirf(&[&job[..], &["-o", "small.ply", "--json"]].concat());
-    good(&said);
-    let whole: Value = serde_json::from_slice(&said.stdout).unwrap();
+    let whole = stage.works(&[&job[..], &["-o", "small.ply", "--json"]].concat()).json();
     stage.right = fs::read(stage.path("small.ply")).unwrap();
     let tasks = stage.planned("a", &job);
     assert_eq!(tasks.len(), 2 + 1 + 1 + 1, "26 photos to train on, 4 held out: {tasks:?}");
@@ -279,7 +266,7 @@ fn tasks_decode_their_own_photos() {
     for written in ["a/evidence/0000.safetensors", "a/evidence/0001.safetensors", "a/score/0000.json"] {
         fs::remove_file(stage.path(written)).unwrap();
     }
-    good(&stage.qirf(&["shard", "task", "a", "evidence/0000"]));
-    good(&stage.qirf(&["shard", "task", "a", "score/0000"]));
+    stage.works(&["shard", "task", "a", "evidence/0000"]);
+    stage.works(&["shard", "task", "a", "score/0000"]);
     stage.refused(3, &[&last, "when the job was planned"], &["shard", "task", "a", "evidence/0001"]);
 }

@@ -27,8 +27,8 @@ const WARM: usize = 3;
 /// Number of rounds at either end whose smallest size counts: a heap varies by a MiB or two between rounds.
 const BREATH: usize = 5;
 
-/// Stops each run at a given iteration.
-struct Stopper(AtomicU32, AtomicU32);
+/// Stops each run at a given iteration; it notes the last one.
+pub struct Stopper(pub AtomicU32, pub AtomicU32);
 
 impl Watcher for Stopper {
     fn training(&self, progress: &Progress, _: u32) {

@@ -1,27 +1,21 @@
 //! `qirf-vk sweep` by the real binary: files, figures, and the claims of each axis.
 
+use super::ended::{Ended, capture, end, qirf};
 use super::html;
 use crate::support::documented;
-use qirf_vk::synth::{SynthOptions, write};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 fn scene(folder: &Path) -> PathBuf {
-    let scene = folder.join("scene");
-    let options = SynthOptions { views: 9, width: 48, height: 36, points: 700, ..SynthOptions::default() };
-    write(&scene, &options, &|_| ()).expect("a synthetic scene");
-    scene
+    capture(folder, 700)
 }
 
-fn sweep(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_qirf-vk")).arg("sweep").args(arguments).output().expect("the program starts")
+fn sweep(arguments: &[&str]) -> Ended {
+    end(qirf(["sweep"]).args(arguments))
 }
 
-fn works(arguments: &[&str]) -> Output {
-    let output = sweep(arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    output
+fn works(arguments: &[&str]) -> Ended {
+    sweep(arguments).with(0, &[])
 }
 
 fn read(out: &Path) -> Value {
@@ -49,7 +43,7 @@ fn the_light_axes_of_a_scene() {
     let [scene, to] = [&scene, &out].map(|p| p.to_str().unwrap().to_owned());
     let output = works(&[&scene, "-o", &to, "--train", "120", "--budget-per-axis", "0.2", "--json"]);
     let swept = read(&out);
-    assert_eq!(serde_json::from_slice::<Value>(&output.stdout).expect("one JSON document"), swept);
+    assert_eq!(output.json(), swept);
     assert_eq!(swept["schema"], 1);
     documented("sweep", &swept);
     assert!(swept["subject"]["origin"].as_str().unwrap().contains("trained briefly"));
@@ -174,10 +168,7 @@ fn what_cannot_be_swept_is_refused() {
         (&[&scene, "-o", &to, "--axis", "stop", "--model", &nowhere], 3),
     ];
     for (arguments, code) in cases {
-        let output = sweep(arguments);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
-        assert!(!said.contains("panicked") && !said.is_empty(), "{said}");
+        assert!(!sweep(arguments).with(code, &[]).said.is_empty());
     }
     assert!(!out.join("sweep.json").exists());
 }

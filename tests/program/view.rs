@@ -9,13 +9,13 @@ mod refusals;
 mod session;
 mod speed;
 
+use super::ended::{qirf, works};
 use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::view::protocol::Figure;
 use session::{Viewer, pose, request};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::OnceLock;
 use tempfile::TempDir;
 
@@ -53,12 +53,7 @@ fn viewer(more: &[&str]) -> Viewer {
 /// What `render` makes of the model at the photos' cameras.
 fn rendered() -> TempDir {
     let out = tempfile::tempdir().unwrap();
-    let ended = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
-        .args(["render", &beside("model.ply"), "--scene"])
-        .args([scene(), "-o".as_ref(), out.path()])
-        .output()
-        .unwrap();
-    assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
+    works(qirf(["render", &beside("model.ply"), "--scene"]).args([scene(), "-o".as_ref(), out.path()]));
     out
 }
 
@@ -139,12 +134,8 @@ fn a_capture_alone_shows_its_points_and_a_run_its_scores() {
     drop(viewer);
 
     let out = tempfile::tempdir().unwrap();
-    let run = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
-        .args(["run", &scene().display().to_string(), "--iterations", "20", "--grow-to", "500", "-o"])
-        .arg(out.path())
-        .output()
-        .unwrap();
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    let mut run = qirf(["run".as_ref(), scene(), "-o".as_ref(), out.path()]);
+    works(run.args(["--iterations", "20", "--grow-to", "500"]));
     let viewer = Viewer::start(&["view", &out.path().display().to_string()]);
     let description = viewer.json("/scene.json");
     let cameras = description["cameras"].as_array().unwrap();

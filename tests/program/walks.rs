@@ -17,7 +17,7 @@ fn frames_follow_a_path() {
     let sandbox = Sandbox::new();
     let ran =
         sandbox.works(&["render", "model.ply", "--path", "orbit", "--frames", "3", "--size", "40x30", "-o", "round"]);
-    assert!(ran.err.contains("3 pictures"), "{}", ran.err);
+    assert!(ran.said.contains("3 pictures"), "{}", ran.said);
     assert_eq!(frames(&sandbox, "round"), ["frame_0000.png", "frame_0001.png", "frame_0002.png"]);
     // An orbit is an orbit.
     sandbox.works(&["render", "model.ply", "--orbit", "3", "--size", "40x30", "-o", "orbit"]);

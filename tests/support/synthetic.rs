@@ -67,6 +67,19 @@ pub fn difference_quotients(params: &Params, h: f64, f: impl Fn(&Params) -> f64)
     out
 }
 
+/// Balls scattered over a cube of 2 units about the origin, of equal colours.
+pub fn scattered(n: usize, degree: usize, log_scale: f32) -> Gaussians {
+    let means = (0..n).map(|i| [0, 1, 2].map(|k| scatter(i, k))).collect();
+    let mut model = Gaussians::balls(means, log_scale, 0.0, degree);
+    model.sh.iter_mut().for_each(|band| band.fill(0.1));
+    model
+}
+
+/// A number in [-1, 1], spread by its indices.
+pub fn scatter(i: usize, k: usize) -> f32 {
+    ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0
+}
+
 /// One ordinary Gaussian, the basis of the hard cases.
 pub fn one(camera: &Camera, position: DVec3) -> Params {
     Params {

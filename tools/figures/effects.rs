@@ -5,9 +5,6 @@ use super::tables::{table, time};
 use qirf_vk::report::format::decimals;
 
 /// The group `effects`, in its own order.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn effects(bench: &Bench) -> Result<String, String> {
     let mut arms: Vec<_> = bench.group("effects").collect();
     arms.sort_by(|a, b| a.1.number("order").total_cmp(&b.1.number("order")));

@@ -10,9 +10,6 @@ const GROUPS: [(&str, &str); 4] =
     [("loss", "pixels"), ("overlap", "pairs"), ("rrdm", "pairs"), ("participation", "blocks")];
 
 /// Loss, overlaps, density matrices, and the device's eigensolver.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn kernels(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut rows = Vec::new();

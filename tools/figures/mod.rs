@@ -33,9 +33,6 @@ pub struct Origin {
 pub type Parts = Vec<(&'static str, String)>;
 
 /// Tables and plots: parts of `docs/performance.md`, parts of `docs/sweep.md`, and files of plots by name.
-///
-/// # Errors
-/// A measurement that is missing.
 pub fn made(bench: &Bench, sweep: &Sweep, origin: &Origin) -> Result<[Parts; 3], String> {
     let page = vec![
         ("device", tables::device(bench, origin)?),

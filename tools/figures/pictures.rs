@@ -49,9 +49,6 @@ fn number(m: &Measured, name: &str) -> String {
 }
 
 /// Time of one picture by stage.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn frame(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut rows = Vec::new();
@@ -112,9 +109,6 @@ fn line(points: &[&Measured], axis: &str) -> Result<Fit, String> {
 }
 
 /// Time against pixels and against pairs.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn cost(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut out = String::new();
@@ -158,9 +152,6 @@ fn fitted(what: String, fit: &Fit, [pixels, pairs]: [String; 2]) -> Vec<String> 
 }
 
 /// The same as a plot, with the fitted lines.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn cost_plot(bench: &Bench) -> Result<String, String> {
     let mut drawings = Vec::new();
     for (axis, title) in [("pixels", "By pixels, pairs constant"), ("pairs", "By pairs, pixels constant")] {
@@ -180,9 +171,6 @@ pub fn cost_plot(bench: &Bench) -> Result<String, String> {
 }
 
 /// Culling methods; only a remark if the shared model is missing.
-///
-/// # Errors
-/// A benchmark of the group that was not run.
 pub fn culling(bench: &Bench) -> Result<String, String> {
     if bench.group("culling").next().is_none() {
         return Ok("Not measured: the shared model is missing.\n".to_owned());
@@ -204,9 +192,6 @@ pub fn culling(bench: &Bench) -> Result<String, String> {
 }
 
 /// One training iteration by stage.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn iteration(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let stages = stages(bench, &rates, "iteration", ITERATION);
@@ -232,9 +217,6 @@ pub fn iteration(bench: &Bench) -> Result<String, String> {
 }
 
 /// The stages of an iteration as bars.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn iteration_plot(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let bars: Vec<Bar> = stages(bench, &rates, "iteration", ITERATION)

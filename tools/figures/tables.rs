@@ -52,9 +52,6 @@ pub fn short_ratio(ratio: f64) -> String {
 }
 
 /// The device, its best rates, and how the figures were measured.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn device(bench: &Bench, origin: &Origin) -> Result<String, String> {
     let d = &bench.device;
     let text = |name: &str| d[name].as_str().unwrap_or("unknown").to_owned();
@@ -116,9 +113,6 @@ pub fn device(bench: &Bench, origin: &Origin) -> Result<String, String> {
 }
 
 /// Sort and scan.
-///
-/// # Errors
-/// A benchmark that was not run.
 pub fn sort(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut rows = Vec::new();

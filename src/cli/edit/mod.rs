@@ -4,10 +4,10 @@ mod operations;
 mod parse;
 
 use super::console::Console;
-use super::inspect::read_model;
+use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style::Rendering;
-use super::{Global, values};
+use super::{Global, check_file, values};
 use crate::edit::{Editor, Step, merge};
 use crate::effects::Overrides;
 use crate::gaussians::Gaussians;
@@ -18,7 +18,7 @@ use crate::pipeline::floaters::{self, FloaterCounts};
 use crate::pipeline::output::bytes_on_disk;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Selection, Session};
-use crate::scene::{EVAL_EVERY, OpenOptions, Scene};
+use crate::scene::{EVAL_EVERY, OpenOptions};
 use crate::wording::counted;
 use glam::DVec3;
 use operations::{Asked, Operation, Operations};
@@ -119,12 +119,7 @@ impl Arguments {
         for input in &self.inputs {
             formats::refuse_overwrite(input, output).map_err(Error::writing)?;
         }
-        if output.is_dir() {
-            return Err(Error::Usage(format!("{} is a folder; name a file", output.display())));
-        }
-        let folder = output.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        std::fs::metadata(folder).map_err(|source| Error::Write { path: output.to_owned(), source })?;
-        Ok(())
+        check_file(output)
     }
 
     fn apply<'e>(
@@ -137,7 +132,7 @@ impl Arguments {
             Operation::Edit(edit) => edit.clone(),
             Operation::Views { scene, outside } => {
                 let least = self.least_views as usize;
-                operations::of_views(&open(scene, console)?, least, *outside)?
+                operations::of_views(&open_scene(scene, &OpenOptions::default(), console)?, least, *outside)?
             }
             Operation::Matrix(path) => operations::of_matrix(path)?,
             Operation::Floaters => return self.without_floaters((asked, mode), editor, (console, global)),
@@ -175,15 +170,6 @@ impl Arguments {
         let kept: Vec<bool> = found.iter().map(Option::is_none).collect();
         Ok(editor.keep(&kept, &asked.name, &FloaterCounts::of(&found).to_string()))
     }
-}
-
-/// A scene's cameras; its photos may be absent.
-fn open(path: &Path, console: &Console) -> Result<Scene, Error> {
-    let scene = Scene::open(path, &OpenOptions::default())?;
-    for line in scene.skipped.summary() {
-        console.warn(format_args!("{}: {line}", path.display()));
-    }
-    Ok(scene)
 }
 
 fn left(model: &Gaussians) -> String {

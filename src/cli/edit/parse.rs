@@ -1,18 +1,9 @@
 //! Values of operations: points, turns, axes, matrices.
 
+use crate::cli::values::{axis, finite, numbers};
 use crate::edit::{NEEDLE, Region, Similarity, Unwanted, between};
 use crate::scene::orbit::UP;
 use glam::DVec3;
-
-/// Finite numbers between commas.
-fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let all: Option<Vec<f64>> = text.split(',').map(finite).collect();
-    all?.try_into().ok()
-}
-
-fn finite(text: &str) -> Option<f64> {
-    text.trim().parse::<f64>().ok().filter(|x| x.is_finite())
-}
 
 /// A finite number above 0.
 pub(super) fn positive(text: &str) -> Option<f64> {
@@ -60,18 +51,6 @@ pub(super) fn up(text: &str) -> Result<Similarity, String> {
         None => (UP, text),
     };
     between(from, axis(to).ok_or(form)?).map_err(|e| e.to_string())
-}
-
-fn axis(text: &str) -> Option<DVec3> {
-    Some(match text {
-        "x" => DVec3::X,
-        "y" => DVec3::Y,
-        "z" => DVec3::Z,
-        "-x" => DVec3::NEG_X,
-        "-y" => DVec3::NEG_Y,
-        "-z" => DVec3::NEG_Z,
-        _ => return None,
-    })
 }
 
 pub(super) fn unwanted(text: &str) -> Result<Unwanted, String> {

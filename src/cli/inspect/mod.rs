@@ -7,7 +7,7 @@ use super::console::Console;
 use super::values;
 use crate::gaussians::formats::{self, Loaded};
 use crate::pipeline::Error;
-use crate::scene::OpenOptions;
+use crate::scene::{OpenOptions, Scene};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -109,6 +109,15 @@ pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error
         console.warn(format_args!("{}: it holds no Gaussian", path.display()));
     }
     Ok(loaded)
+}
+
+/// Opens a scene, whose photos may be absent, and warns of what its readers left out.
+pub(super) fn open_scene(path: &Path, options: &OpenOptions, console: &Console) -> Result<Scene, Error> {
+    let scene = Scene::open(path, options)?;
+    for line in scene.skipped.summary() {
+        console.warn(format_args!("{}: {line}", path.display()));
+    }
+    Ok(scene)
 }
 
 /// Largest number of lines of a list that are printed.

@@ -29,19 +29,6 @@ pub(super) fn f32_at(bytes: &[u8], offset: usize) -> Option<f32> {
     field(bytes, offset).map(f32::from_le_bytes)
 }
 
-/// An IEEE 754 half as f32, exactly.
-pub(super) fn half(bits: u16) -> f32 {
-    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
-    let exponent = i32::from(bits >> 10 & 31);
-    let fraction = f32::from(bits & 0x3ff);
-    sign * match exponent {
-        0 => fraction * 2f32.powi(-24),
-        31 if fraction == 0.0 => f32::INFINITY,
-        31 => f32::NAN,
-        _ => (1.0 + fraction / 1024.0) * 2f32.powi(exponent - 15),
-    }
-}
-
 /// The logit of an 8-bit opacity; 0 and 255 give infinities, which the common repairs clamp and count.
 pub(super) fn logit_of_byte(alpha: u8) -> f32 {
     (f32::from(alpha) / f32::from(255 - alpha)).ln()
@@ -86,17 +73,6 @@ pub(super) fn to_smallest_three(q: [f32; 4], real: usize) -> ([f64; 3], usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn halves() {
-        let cases =
-            [(0x3c00, 1.0), (0xc000, -2.0), (0x0001, 5.960_464_5e-8), (0x7bff, 65504.0), (0x3555, 0.333_251_95)];
-        for (bits, value) in cases {
-            assert_eq!(half(bits), value);
-        }
-        assert_eq!(half(0xfc00), f32::NEG_INFINITY);
-        assert!(half(0x7e00).is_nan());
-    }
 
     #[test]
     fn smallest_three_is_unit_and_in_order() {

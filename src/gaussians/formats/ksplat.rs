@@ -5,9 +5,10 @@
 //! up, each band channel-major. Level 0 stores f32; levels 1 and 2 halves, 16-bit means about bucket centres; level 2
 //! 8-bit SH (github.com/mkkellogg/GaussianSplats3D).
 
+use half::f16;
 use rayon::prelude::*;
 
-use super::bytes::{f32_at, half, logit_of_byte, sh0_of_colour, u16_at, u32_at};
+use super::bytes::{f32_at, logit_of_byte, sh0_of_colour, u16_at, u32_at};
 use super::fault::{Fault, malformed};
 use super::{Format, Gaussians, Parsed, Tag};
 use crate::gaussians::MAX_SH_DEGREE;
@@ -182,7 +183,7 @@ impl Section<'_> {
         let records = || self.records.par_chunks_exact(self.stride);
         let float = |record: &[u8], at: usize, width: usize| match width {
             4 => f32_at(record, at).unwrap_or(0.0),
-            2 => half(u16_at(record, at).unwrap_or(0)),
+            2 => f16::from_bits(u16_at(record, at).unwrap_or(0)).to_f32(),
             _ => {
                 let [low, high] = common.sh_limits;
                 low + f32::from(record[at]) / 255.0 * (high - low)

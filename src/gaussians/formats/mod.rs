@@ -23,15 +23,15 @@ mod turn;
 mod usd;
 mod weight;
 
-use std::fmt;
 use std::fs;
-use std::io::Read;
+use std::io::{self, Read, Write};
 use std::path::Path;
 
 use flate2::bufread::GzDecoder;
 use serde::Serialize;
 
 use super::{Error, Gaussians};
+use crate::wording::named;
 use fault::Fault;
 pub use output::{crc32, refuse_overwrite, remove_leftovers, write_atomically};
 pub use parts::parts;
@@ -40,40 +40,27 @@ pub use render_mode::RenderMode;
 use render_mode::Tag;
 pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};
 
-/// The kinds of model file that can be read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Format {
-    /// Standard 3DGS PLY: binary of either byte order, or text.
-    Ply,
-    /// PlayCanvas compressed PLY: chunks of 256 Gaussians.
-    CompressedPly,
-    /// Niantic SPZ, versions 1 to 4.
-    Spz,
-    /// antimatter15 `.splat`: 32 bytes per Gaussian.
-    Splat,
-    /// mkkellogg `.ksplat`.
-    Ksplat,
-    /// PlayCanvas SOG, versions 1 and 2: `meta.json` with WebP textures, in a folder or zipped.
-    Sog,
-    /// glTF 2.0 with `KHR_gaussian_splatting`: `.glb`, or `.gltf` with its files.
-    Gltf,
-    /// OpenUSD's `ParticleField3DGaussianSplat`: text, `.usda`, or zipped, `.usdz`.
-    Usd,
-}
-
-impl fmt::Display for Format {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Ply => "PLY",
-            Self::CompressedPly => "compressed PLY",
-            Self::Spz => "SPZ",
-            Self::Splat => "splat",
-            Self::Ksplat => "ksplat",
-            Self::Sog => "SOG",
-            Self::Gltf => "glTF",
-            Self::Usd => "USD",
-        })
+named! {
+    /// The kinds of model file that can be read.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Format {
+        /// Standard 3DGS PLY: binary of either byte order, or text.
+        Ply = "PLY",
+        /// PlayCanvas compressed PLY: chunks of 256 Gaussians.
+        CompressedPly = "compressed PLY",
+        /// Niantic SPZ, versions 1 to 4.
+        Spz = "SPZ",
+        /// antimatter15 `.splat`: 32 bytes per Gaussian.
+        Splat = "splat",
+        /// mkkellogg `.ksplat`.
+        Ksplat = "ksplat",
+        /// PlayCanvas SOG, versions 1 and 2: `meta.json` with WebP textures, in a folder or zipped.
+        Sog = "SOG",
+        /// glTF 2.0 with `KHR_gaussian_splatting`: `.glb`, or `.gltf` with its files.
+        Gltf = "glTF",
+        /// OpenUSD's `ParticleField3DGaussianSplat`: text, `.usda`, or zipped, `.usdz`.
+        Usd = "USD",
     }
 }
 
@@ -129,9 +116,6 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
 }
 
 /// Reads a model from a whole file's bytes; `name` appears in messages and gives the format if the content does not.
-///
-/// # Errors
-/// Those of [`read`].
 pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
     read_with(bytes, name, None)
 }
@@ -242,9 +226,6 @@ pub enum SpzVersion {
 }
 
 /// Refuses a `path` whose extension no writer knows, before any work is done for it.
-///
-/// # Errors
-/// [`Error::Unsupported`].
 pub fn check_output(path: &Path) -> Result<(), Error> {
     Written::of(path).map(drop)
 }
@@ -264,43 +245,48 @@ pub fn is_exact(path: &Path) -> bool {
 /// [`Error::Unsupported`] for another extension or for what the format cannot hold, [`Error::Inconsistent`],
 /// [`Error::Io`].
 pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(), Error> {
-    gaussians.validate()?;
-    let packed = match Written::of(path)? {
-        Written::Ply => return write_atomically(path, |out| ply::write(out, gaussians, mode, [0.0; 3])),
-        Written::CompressedPly => {
-            return write_atomically(path, |out| ply::write_compressed(out, gaussians, mode));
-        }
-        Written::Glb => {
-            let body = gltf::write(gaussians, mode).map_err(|fault| fault.at(path))?;
-            return write_atomically(path, body);
-        }
-        Written::Usda => return write_atomically(path, |out| usd::write(out, gaussians, mode)),
-        Written::Usdz | Written::Spz | Written::Sog => {
-            encode(path, gaussians, mode, (usual(path, gaussians), SpzVersion::default()))?
-        }
-    };
-    write_atomically(path, |out| out.write_all(&packed))
+    write_at(path, gaussians, mode, [0.0; 3])
 }
 
 /// As [`write()`] for means that count from a place in the world: PLY keeps it in a comment, and [`georeference`] writes it
 /// beside every file.
-///
-/// # Errors
-/// Those of [`write()`].
 pub fn write_at(path: &Path, gaussians: &Gaussians, mode: RenderMode, origin: [f64; 3]) -> Result<(), Error> {
-    gaussians.validate()?;
-    if matches!(Written::of(path)?, Written::Ply) {
-        write_atomically(path, |out| ply::write(out, gaussians, mode, origin))?;
-    } else {
-        write(path, gaussians, mode)?;
-    }
+    write_atomically(path, body(path, gaussians, (mode, origin), None)?)?;
     georeference(path, origin)
 }
 
+/// Writes a file's bytes.
+type Body<'a> = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + 'a>;
+
+/// A file in the format of its extension. Formats of few digits are packed now, as [`usual`] unless `how` is given.
+fn body<'a>(
+    path: &Path,
+    gaussians: &'a Gaussians,
+    (mode, origin): (RenderMode, [f64; 3]),
+    how: Option<(Precision, SpzVersion)>,
+) -> Result<Body<'a>, Error> {
+    gaussians.validate()?;
+    let how = || how.unwrap_or_else(|| (usual(path, gaussians), SpzVersion::default()));
+    let packed = match Written::of(path)? {
+        Written::Ply => return Ok(Box::new(move |out| ply::write(out, gaussians, mode, origin))),
+        Written::CompressedPly => return Ok(Box::new(move |out| ply::write_compressed(out, gaussians, mode))),
+        Written::Usda => return Ok(Box::new(move |out| usd::write(out, gaussians, mode))),
+        Written::Glb => match gltf::write(gaussians, mode) {
+            Ok(body) => return Ok(Box::new(body)),
+            Err(fault) => Err(fault),
+        },
+        Written::Usdz => usd::package(gaussians, mode),
+        Written::Spz => {
+            let (precision, version) = how();
+            spz::pack(gaussians, mode, (version, precision.of_spz()))
+        }
+        Written::Sog => sog::pack(gaussians, mode, &how().0.of_sog()),
+    };
+    let packed = packed.map_err(|fault| fault.at(path))?;
+    Ok(Box::new(move |out| out.write_all(&packed)))
+}
+
 /// Writes georeference.json beside a model: where its means count from in the world. Nothing if that is the world's origin.
-///
-/// # Errors
-/// [`Error::Io`].
 pub fn georeference(path: &Path, origin: [f64; 3]) -> Result<(), Error> {
     if origin == [0.0; 3] {
         return Ok(());
@@ -342,26 +328,12 @@ pub fn encode(
     path: &Path,
     gaussians: &Gaussians,
     mode: RenderMode,
-    (precision, spz): (Precision, SpzVersion),
+    how: (Precision, SpzVersion),
 ) -> Result<Vec<u8>, Error> {
-    gaussians.validate()?;
-    let io = |source| Error::Io { path: path.to_owned(), source };
     let mut bytes = Vec::new();
-    let packed = match Written::of(path)? {
-        Written::Ply => return ply::write(&mut bytes, gaussians, mode, [0.0; 3]).map(|()| bytes).map_err(io),
-        Written::CompressedPly => {
-            return ply::write_compressed(&mut bytes, gaussians, mode).map(|()| bytes).map_err(io);
-        }
-        Written::Glb => {
-            let body = gltf::write(gaussians, mode).map_err(|fault| fault.at(path))?;
-            return body(&mut bytes).map(|()| bytes).map_err(io);
-        }
-        Written::Usda => return usd::write(&mut bytes, gaussians, mode).map(|()| bytes).map_err(io),
-        Written::Usdz => usd::package(gaussians, mode),
-        Written::Spz => spz::pack(gaussians, mode, (spz, precision.of_spz())),
-        Written::Sog => sog::pack(gaussians, mode, &precision.of_sog()),
-    };
-    packed.map_err(|fault| fault.at(path))
+    body(path, gaussians, (mode, [0.0; 3]), Some(how))?(&mut bytes)
+        .map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    Ok(bytes)
 }
 
 /// The bytes of an SPZ file; `name` stands in messages.

@@ -4,20 +4,23 @@
 //! last one counts. SPZ: bit 0 of the header's flags. SOG: `"model": "antialiased"` (splat-transform) or `"antialias": true`
 //! (the specification's first version). The other formats have none.
 
+use crate::wording::named;
 use std::fmt;
 
 use serde::Serialize;
 use serde_json::Value;
 
-/// How a model was trained, and has to be drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RenderMode {
-    /// Gaussians are widened, and become bolder; also that of files without a tag.
-    #[default]
-    Plain,
-    /// Gaussians are widened, and keep their energy.
-    AntiAliased,
+named! {
+    /// How a model was trained, and has to be drawn.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum RenderMode {
+        /// Gaussians are widened, and become bolder; also that of files without a tag.
+        #[default]
+        Plain = "plain",
+        /// Gaussians are widened, and keep their energy.
+        AntiAliased = "anti-aliased",
+    }
 }
 
 impl RenderMode {
@@ -29,15 +32,6 @@ impl RenderMode {
     /// True if Gaussians keep their energy.
     pub fn antialiased(self) -> bool {
         self == Self::AntiAliased
-    }
-}
-
-impl fmt::Display for RenderMode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Plain => "plain",
-            Self::AntiAliased => "anti-aliased",
-        })
     }
 }
 

@@ -15,9 +15,6 @@ pub(in crate::gpu) struct Lease {
 
 impl Lease {
     /// Takes the lease called `name` in `folder`; `None` if another process holds it.
-    ///
-    /// # Errors
-    /// A folder or file that cannot be made or opened.
     pub fn take(folder: &Path, name: &str) -> io::Result<Option<Self>> {
         make_folder(folder)?;
         let file = open(&folder.join(name))?;

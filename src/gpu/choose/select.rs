@@ -8,24 +8,26 @@ use crate::gpu::error::{During, Error};
 use crate::gpu::harness::imitation::{Claim, Limits};
 use crate::gpu::instance::Instance;
 use crate::gpu::tuning::DeviceClass;
+use crate::wording::named;
 use ash::vk;
 use serde::Serialize;
-use std::fmt;
 
-/// Kinds of devices, in the order of preference.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DeviceKind {
-    /// A GPU with memory of its own.
-    Discrete,
-    /// A GPU that shares the host's memory.
-    Integrated,
-    /// A share of a GPU, in a virtual machine.
-    Virtual,
-    /// A driver that runs kernels on the CPU.
-    Cpu,
-    /// Any other kind.
-    Other,
+named! {
+    /// Kinds of devices, in the order of preference.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum DeviceKind {
+        /// A GPU with memory of its own.
+        Discrete = "discrete",
+        /// A GPU that shares the host's memory.
+        Integrated = "integrated",
+        /// A share of a GPU, in a virtual machine.
+        Virtual = "virtual",
+        /// A driver that runs kernels on the CPU.
+        Cpu = "cpu",
+        /// Any other kind.
+        Other = "other",
+    }
 }
 
 impl From<vk::PhysicalDeviceType> for DeviceKind {
@@ -40,52 +42,27 @@ impl From<vk::PhysicalDeviceType> for DeviceKind {
     }
 }
 
-impl fmt::Display for DeviceKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Discrete => "discrete",
-            Self::Integrated => "integrated",
-            Self::Virtual => "virtual",
-            Self::Cpu => "cpu",
-            Self::Other => "other",
-        })
-    }
-}
-
-/// Optional features: used if present, never required.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Feature {
-    /// Kernels can request a subgroup size.
-    SubgroupSizeControl,
-    /// Atomic addition to floats in buffers.
-    FloatAtomics,
-    /// The driver reports how much memory is free.
-    MemoryBudget,
-    /// The driver reports statistics of compiled kernels.
-    KernelStatistics,
-    /// Kernels may request that infinities and NaN are kept.
-    NanPreserve,
-    /// Buffers can be bound inside command buffers.
-    PushDescriptors,
-    /// Kernels can request workgroups of whole subgroups.
-    FullSubgroups,
-    /// The device sits on another interface, such as Metal, and may lack parts of Vulkan.
-    PortabilitySubset,
-}
-
-impl fmt::Display for Feature {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::SubgroupSizeControl => "subgroup-size-control",
-            Self::FloatAtomics => "float-atomics",
-            Self::MemoryBudget => "memory-budget",
-            Self::KernelStatistics => "kernel-statistics",
-            Self::NanPreserve => "nan-preserve",
-            Self::PushDescriptors => "push-descriptors",
-            Self::FullSubgroups => "full-subgroups",
-            Self::PortabilitySubset => "portability-subset",
-        })
+named! {
+    /// Optional features: used if present, never required.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Feature {
+        /// Kernels can request a subgroup size.
+        SubgroupSizeControl = "subgroup-size-control",
+        /// Atomic addition to floats in buffers.
+        FloatAtomics = "float-atomics",
+        /// The driver reports how much memory is free.
+        MemoryBudget = "memory-budget",
+        /// The driver reports statistics of compiled kernels.
+        KernelStatistics = "kernel-statistics",
+        /// Kernels may request that infinities and NaN are kept.
+        NanPreserve = "nan-preserve",
+        /// Buffers can be bound inside command buffers.
+        PushDescriptors = "push-descriptors",
+        /// Kernels can request workgroups of whole subgroups.
+        FullSubgroups = "full-subgroups",
+        /// The device sits on another interface, such as Metal, and may lack parts of Vulkan.
+        PortabilitySubset = "portability-subset",
     }
 }
 

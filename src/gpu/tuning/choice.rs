@@ -22,11 +22,6 @@ impl TuningChoice {
         Self { class: Some(class), fields: Vec::new() }
     }
 
-    /// Whether it is the default.
-    pub fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
-
     /// The tuning of a device under this choice.
     pub(in crate::gpu) fn on(&self, info: &DeviceInfo) -> Result<Tuning, Error> {
         let row = Tuning::new(self.class.unwrap_or(info.class), info.subgroup_size, info.max_workgroup);

@@ -9,40 +9,37 @@ pub(in crate::gpu) mod variants;
 
 use crate::gpu::choose::properties::SHARED_BYTES;
 use crate::gpu::choose::select::DeviceInfo;
-use crate::wording::unknown;
+use crate::wording::{named, unknown};
 pub use choice::TuningChoice;
 use serde::{Deserialize, Serialize};
-use std::fmt;
 use std::str::FromStr;
 pub use variants::{Variant, variants};
 
-/// Classes of devices, one per row of the table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum DeviceClass {
-    /// A CPU; lanes are the CPU's.
-    Cpu,
-    /// A CPU under SwiftShader, whose compilers have limits of their own.
-    SwiftShader,
-    /// A GPU of another maker.
-    Gpu,
-    /// A GPU by NVIDIA.
-    Nvidia,
-    /// A GPU by AMD.
-    Amd,
-    /// A GPU by Intel.
-    Intel,
-    /// A GPU by Apple.
-    Apple,
-    /// A GPU by Qualcomm.
-    Qualcomm,
+named! {
+    /// Classes of devices, one per row of the table.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    pub enum DeviceClass {
+        /// A CPU; lanes are the CPU's.
+        Cpu = "cpu",
+        /// A CPU under SwiftShader, whose compilers have limits of their own.
+        SwiftShader = "swiftshader",
+        /// A GPU of another maker.
+        Gpu = "gpu",
+        /// A GPU by NVIDIA.
+        Nvidia = "nvidia",
+        /// A GPU by AMD.
+        Amd = "amd",
+        /// A GPU by Intel.
+        Intel = "intel",
+        /// A GPU by Apple.
+        Apple = "apple",
+        /// A GPU by Qualcomm.
+        Qualcomm = "qualcomm",
+    }
 }
 
 impl DeviceClass {
-    /// All classes.
-    pub const ALL: [Self; 8] =
-        [Self::Cpu, Self::SwiftShader, Self::Gpu, Self::Nvidia, Self::Amd, Self::Intel, Self::Apple, Self::Qualcomm];
-
     /// The class of a device, CPU or not, from its vendor's number in the Vulkan (or PCI) registry.
     pub(in crate::gpu) fn of(is_cpu: bool, vendor: u32) -> Self {
         match (is_cpu, vendor) {
@@ -58,27 +55,12 @@ impl DeviceClass {
     }
 }
 
-impl fmt::Display for DeviceClass {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Cpu => "cpu",
-            Self::SwiftShader => "swiftshader",
-            Self::Gpu => "gpu",
-            Self::Nvidia => "nvidia",
-            Self::Amd => "amd",
-            Self::Intel => "intel",
-            Self::Apple => "apple",
-            Self::Qualcomm => "qualcomm",
-        })
-    }
-}
-
 impl FromStr for DeviceClass {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|class| class.to_string() == name.to_lowercase());
-        found.ok_or_else(|| unknown(name, "a class of devices", Self::ALL.map(|class| class.to_string())))
+        let found = Self::ALL.into_iter().find(|class| class.name() == name.to_lowercase());
+        found.ok_or_else(|| unknown(name, "a class of devices", Self::ALL.map(Self::name)))
     }
 }
 

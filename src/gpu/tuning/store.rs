@@ -57,9 +57,6 @@ impl Device {
     }
 
     /// Removes the stored tuning, if any.
-    ///
-    /// # Errors
-    /// A file that cannot be removed.
     pub fn forget_tuning(&self) -> io::Result<()> {
         match file(self.info()).map(fs::remove_file) {
             Some(Err(e)) if e.kind() != io::ErrorKind::NotFound => Err(e),

@@ -21,9 +21,6 @@ use crate::pipeline::{Error, Output, RunConfig, Session};
 use std::path::{Path, PathBuf};
 
 /// Writes `compare.html` of a comparison into its folder.
-///
-/// # Errors
-/// [`Error::Write`].
 pub fn write_page(compared: &CompareRecord, folder: &Path) -> Result<(), Error> {
     Output::text(&folder.join("compare.html"), &page::page(compared, folder))
 }
@@ -43,9 +40,6 @@ pub fn of_seeds(shared: &RunConfig, seeds: Option<u32>, folder: &Path) -> Vec<(R
 
 /// Compares `arms` on one scene with `seeds` seeds (at least one), from the configuration's own on, each in a folder of
 /// its own inside `folder`.
-///
-/// # Errors
-/// Errors of [`compare`].
 pub fn compare_seeds(
     session: &Session<'_>,
     shared: &RunConfig,
@@ -66,9 +60,6 @@ pub fn compare_seeds(
 
 /// Compares `arms` on one scene with one seed; all results go to `folder`. With `resume`, finished parts of an earlier comparison
 /// with the same options are reused.
-///
-/// # Errors
-/// Any error from reading the scene to writing results; [`Error::Interrupted`].
 pub fn compare(
     session: &Session<'_>,
     shared: &RunConfig,

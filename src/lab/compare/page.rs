@@ -4,7 +4,8 @@ use super::{Arm, ArmRecord, CompareRecord};
 use crate::pipeline::evaluate::exhibits::exhibits;
 use crate::report::cut;
 use crate::report::format::{bytes, count, decimals, percent, seconds};
-use crate::report::page::{self, Column, Section, absent, side_by_side, table};
+use crate::report::page::Column::{Number, Text};
+use crate::report::page::{self, Section, absent, list, side_by_side};
 use crate::report::picture::{data_uri, read};
 use crate::report::plot::{Axis, Bar, Scatter, Spot, bars};
 use crate::report::slider::{Layer, Stack, compare};
@@ -48,36 +49,24 @@ pub fn page(compared: &CompareRecord, folder: &Path) -> String {
 }
 
 fn figures(compared: &CompareRecord) -> Markup {
-    let columns = [
-        Column::Text("arm"),
-        Column::Number("PSNR / dB"),
-        Column::Number("deviation / dB"),
-        Column::Number("SSIM"),
-        Column::Number("LPIPS"),
-        Column::Number("right after the prune / dB"),
-        Column::Number("Gaussians"),
-        Column::Number("removed"),
-        Column::Number("PLY"),
-        Column::Number("frames/s"),
-        Column::Number("time"),
-    ];
-    let row = |a: &ArmRecord| {
-        vec![
-            a.name.clone(),
-            decimals(a.psnr, 2),
-            decimals(a.psnr_spread, 2),
-            decimals(a.ssim, 4),
-            decimals(a.lpips_vgg, 4),
-            decimals(a.psnr_pruned, 2),
-            count(a.gaussians),
-            percent(a.removed, 1.0),
-            bytes(a.ply_bytes),
-            decimals(a.fps, 1),
-            seconds(a.seconds),
-        ]
-    };
+    let table = list(
+        &compared.arms,
+        &[
+            (Text("arm"), &|a| a.name.clone()),
+            (Number("PSNR / dB"), &|a| decimals(a.psnr, 2)),
+            (Number("deviation / dB"), &|a| decimals(a.psnr_spread, 2)),
+            (Number("SSIM"), &|a| decimals(a.ssim, 4)),
+            (Number("LPIPS"), &|a| decimals(a.lpips_vgg, 4)),
+            (Number("right after the prune / dB"), &|a| decimals(a.psnr_pruned, 2)),
+            (Number("Gaussians"), &|a| count(a.gaussians)),
+            (Number("removed"), &|a| percent(a.removed, 1.0)),
+            (Number("PLY"), &|a| bytes(a.ply_bytes)),
+            (Number("frames/s"), &|a| decimals(a.fps, 1)),
+            (Number("time"), &|a| seconds(a.seconds)),
+        ],
+    );
     html! {
-        (table(&columns, &compared.arms.iter().map(row).collect::<Vec<_>>(), None))
+        (table)
         @for (name, done) in compared.arms.iter().filter_map(|a| Some((&a.name, a.cut.as_ref()?))) {
             p { (name) ": " (cut(done)) }
         }

@@ -104,9 +104,6 @@ impl Mcmc {
 
 impl Mcmc {
     /// Reads the settings from a configuration.
-    ///
-    /// # Errors
-    /// A sentence that names the wrong number.
     pub fn read(config: &MethodConfig) -> std::result::Result<Self, String> {
         let read: Self = config.read()?;
         within("method.until", read.until, &(0.0..=1000.0))?;

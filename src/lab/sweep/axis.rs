@@ -7,42 +7,42 @@ use crate::pipeline::Error;
 use crate::pipeline::config::Pruning;
 use crate::qirf::dense::LIBRARIES;
 use crate::qirf::participation::Eigensolver;
-use crate::wording::unknown;
+use crate::wording::{named, unknown};
 use serde::Serialize;
 
-/// A part of the engine that trades accuracy for time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Axis {
-    /// Method that solves the eigenproblem.
-    Solver,
-    /// Formula of the overlaps.
-    Overlap,
-    /// Regularisation: the term added to the metric, or the dilation of Gaussians.
-    Epsilon,
-    /// Rule that lists a Gaussian in tiles.
-    Culling,
-    /// The transmittance at which blending ends.
-    Stop,
-    /// Summation of a Gaussian's gradients.
-    Gradients,
-    /// Share of the Gaussians that a prune keeps.
-    Keep,
-    /// Selector of a prune, and the division of its count.
-    Selector,
-    /// Length of the run.
-    Iterations,
-    /// Simulated effects.
-    Effects,
+named! {
+    /// A part of the engine that trades accuracy for time.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Axis {
+        /// Method that solves the eigenproblem.
+        Solver = "solver",
+        /// Formula of the overlaps.
+        Overlap = "overlap",
+        /// Regularisation: the term added to the metric, or the dilation of Gaussians.
+        Epsilon = "epsilon",
+        /// Rule that lists a Gaussian in tiles.
+        Culling = "culling",
+        /// The transmittance at which blending ends.
+        Stop = "stop",
+        /// Summation of a Gaussian's gradients.
+        Gradients = "gradients",
+        /// Share of the Gaussians that a prune keeps.
+        Keep = "keep",
+        /// Selector of a prune, and the division of its count.
+        Selector = "selector",
+        /// Length of the run.
+        Iterations = "iterations",
+        /// Simulated effects.
+        Effects = "effects",
+    }
 }
 
 /// Measures the named rungs of an axis on one model.
 type Measure = fn(&Context<'_>, &[String]) -> Result<AxisRecord, Error>;
 
-/// An axis's row of the table.
+/// An axis's row of the table; without more, its rungs are a list, and each is a whole training.
 struct Row {
-    axis: Axis,
-    name: &'static str,
     /// The default rungs, the most exact first; for effects they depend on the scene.
     rungs: &'static [&'static str],
     /// The engine's own rung.
@@ -60,29 +60,25 @@ fn known<T>(value: Option<T>) -> Result<(), Option<String>> {
     value.map(|_| ()).ok_or(None)
 }
 
+const ROW: Row = Row { rungs: &[], default: "default", hint: None, check: |_| Ok(()), measure: None };
+
 /// The table, in the order of the variants.
-const TABLE: [Row; 10] = [
+const TABLE: [Row; Axis::ALL.len()] = [
     Row {
-        axis: Axis::Solver,
-        name: "solver",
         rungs: &["dsygvd", "low-rank", "low-rank-f32", "device"],
         default: "low-rank",
-        hint: None,
         check: |name| known(Solver::of(name)),
         measure: Some(|context, names| solver::measure(context, &rungs(names, Solver::of))),
+        ..ROW
     },
     Row {
-        axis: Axis::Overlap,
-        name: "overlap",
         rungs: &["qr-f64", "qr", "determinant"],
         default: "qr",
-        hint: None,
         check: |name| known(Formula::of(name)),
         measure: Some(|context, names| overlap::measure(context, &rungs(names, Formula::of))),
+        ..ROW
     },
     Row {
-        axis: Axis::Epsilon,
-        name: "epsilon",
         rungs: &["1e-6", "1e-5", "1e-4", "1e-3", "1e-2", "t=0.1", "t=0.3", "t=0.5"],
         default: "1e-4",
         hint: Some("write an epsilon such as 1e-4, or a dilation such as t=0.3"),
@@ -90,17 +86,13 @@ const TABLE: [Row; 10] = [
         measure: Some(|context, names| epsilon::measure(context, &rungs(names, Regularisation::of))),
     },
     Row {
-        axis: Axis::Culling,
-        name: "culling",
         rungs: &["off", "exact", "3-sigma"],
         default: "exact",
-        hint: None,
         check: |name| known(culling(name)),
         measure: Some(|context, names| pictures::culling(context, &rungs(names, culling))),
+        ..ROW
     },
     Row {
-        axis: Axis::Stop,
-        name: "stop",
         rungs: &["0", "1e-4", "1e-3", "1e-2"],
         default: "1e-4",
         hint: Some("write a transmittance of 0 or more, below 1, such as 1e-3"),
@@ -108,26 +100,20 @@ const TABLE: [Row; 10] = [
         measure: Some(|context, names| pictures::stop(context, &rungs(names, stop))),
     },
     Row {
-        axis: Axis::Gradients,
-        name: "gradients",
         rungs: &["ordered", "atomics"],
         default: "ordered",
-        hint: None,
         check: |name| known(sums(name)),
         measure: Some(|context, names| gradients::measure(context, &rungs(names, sums))),
+        ..ROW
     },
     Row {
-        axis: Axis::Keep,
-        name: "keep",
         rungs: &["1", "0.5", "0.28", "0.2", "0.1", "0.05"],
         default: "0.28",
         hint: Some("write a share above 0 and up to 1, such as 0.28"),
         check: |name| known(share(name)),
-        measure: None,
+        ..ROW
     },
     Row {
-        axis: Axis::Selector,
-        name: "selector",
         rungs: &[
             "default",
             "importance+attrition+rewarm",
@@ -146,38 +132,22 @@ const TABLE: [Row; 10] = [
             "random",
         ],
         default: "default",
-        hint: None,
         check: |name| Arm::parse(name, &Pruning::default()).map(|_| ()).map_err(Some),
-        measure: None,
+        ..ROW
     },
     Row {
-        axis: Axis::Iterations,
-        name: "iterations",
         rungs: &["1", "1/2", "1/4", "1/8", "1/16"],
         default: "1",
         hint: Some("write a share of the run, such as 1/4 or 0.5"),
         check: |name| known(fraction(name)),
-        measure: None,
+        ..ROW
     },
-    Row {
-        axis: Axis::Effects,
-        name: "effects",
-        rungs: &[],
-        default: "default",
-        hint: None,
-        check: |name| switch(name).map(|_| ()).map_err(Some),
-        measure: None,
-    },
+    Row { rungs: &[], default: "default", check: |name| switch(name).map(|_| ()).map_err(Some), ..ROW },
 ];
 
 impl Axis {
     fn row(self) -> &'static Row {
         &TABLE[self as usize]
-    }
-
-    /// The axis's name on the command line and in files.
-    pub fn name(self) -> &'static str {
-        self.row().name
     }
 
     /// Returns true if its rungs are whole trainings.
@@ -197,9 +167,9 @@ impl Axis {
 
     /// Checks that a name is one of its rungs.
     fn check(self, name: &str) -> Result<(), String> {
-        let Row { name: axis, rungs, hint, check, .. } = self.row();
+        let Row { rungs, hint, check, .. } = self.row();
         let there = || hint.map_or_else(|| format!("there are {}", rungs.join(", ")), ToOwned::to_owned);
-        check(name).map_err(|why| why.unwrap_or_else(|| format!("axis {axis}: '{name}' is no rung; {}", there())))
+        check(name).map_err(|why| why.unwrap_or_else(|| format!("axis {self}: '{name}' is no rung; {}", there())))
     }
 }
 
@@ -214,35 +184,32 @@ pub struct Asked {
 
 impl Asked {
     /// All default rungs of an axis, followed by solvers of libraries other than the serving one as `SOLVER@LIBRARY`.
-    fn all(row: &Row) -> Self {
-        let mut rungs: Vec<String> = row.rungs.iter().map(|name| (*name).to_owned()).collect();
-        if row.axis == Axis::Solver {
+    fn all(axis: Axis) -> Self {
+        let mut rungs: Vec<String> = axis.row().rungs.iter().map(|name| (*name).to_owned()).collect();
+        if axis == Axis::Solver {
             let others = LIBRARIES.iter().skip(1).map(|library| library.name());
             rungs.extend(others.flat_map(|name| Eigensolver::HOST.map(|solver| format!("{solver}@{name}"))));
         }
-        Self { axis: row.axis, rungs }
+        Self { axis, rungs }
     }
 
     /// All rungs of the axes without training: the default of a sweep.
     pub fn light() -> Vec<Self> {
-        TABLE.iter().filter(|row| row.measure.is_some()).map(Self::all).collect()
+        Axis::ALL.into_iter().filter(|axis| !axis.heavy()).map(Self::all).collect()
     }
 
     /// Reads `NAME` or `NAME=RUNG,...`.
-    ///
-    /// # Errors
-    /// A sentence that names the fault.
     pub fn parse(text: &str) -> Result<Self, String> {
         let (name, rungs) = text.split_once('=').map_or((text, None), |(n, r)| (n, Some(r)));
-        let row = TABLE.iter().find(|row| row.name == name.trim());
-        let row = row.ok_or_else(|| unknown(name.trim(), "an axis", TABLE.each_ref().map(|row| row.name)))?;
-        let Some(rungs) = rungs else { return Ok(Self::all(row)) };
+        let axis = Axis::ALL.into_iter().find(|axis| axis.name() == name.trim());
+        let axis = axis.ok_or_else(|| unknown(name.trim(), "an axis", Axis::ALL.map(Axis::name)))?;
+        let Some(rungs) = rungs else { return Ok(Self::all(axis)) };
         let rungs: Vec<String> = rungs.split(',').map(|name| name.trim().to_owned()).collect();
         if let Some(twice) = (1..rungs.len()).find(|i| rungs[..*i].contains(&rungs[*i])) {
-            return Err(format!("axis {}: {} is there twice", row.name, rungs[twice]));
+            return Err(format!("axis {axis}: {} is there twice", rungs[twice]));
         }
-        rungs.iter().try_for_each(|name| row.axis.check(name))?;
-        Ok(Self { axis: row.axis, rungs })
+        rungs.iter().try_for_each(|name| axis.check(name))?;
+        Ok(Self { axis, rungs })
     }
 
     /// The rungs with their values.
@@ -257,12 +224,11 @@ mod tests {
 
     #[test]
     fn axes_by_name() {
-        for (at, row) in TABLE.iter().enumerate() {
-            assert_eq!(row.axis as usize, at);
-            let asked = Asked::parse(row.name).unwrap();
-            assert!(asked.axis == row.axis && asked.rungs.iter().zip(row.rungs).all(|(got, row)| got == row));
-            asked.rungs.iter().try_for_each(|name| row.axis.check(name)).unwrap();
-            assert!(row.axis == Axis::Effects || row.rungs.contains(&row.default), "{}", row.name);
+        for axis in Axis::ALL {
+            let (row, asked) = (axis.row(), Asked::parse(axis.name()).unwrap());
+            assert!(asked.axis == axis && asked.rungs.iter().zip(row.rungs).all(|(got, row)| got == row));
+            asked.rungs.iter().try_for_each(|name| axis.check(name)).unwrap();
+            assert!(axis == Axis::Effects || row.rungs.contains(&row.default), "{axis}");
         }
         assert_eq!(Asked::light().len(), 6);
         let both = Asked::parse("epsilon=1e-3,t=0.3").unwrap().values(Regularisation::of);

@@ -67,9 +67,6 @@ pub fn rows(context: &Context<'_>, eta: f64) -> Vec<[f32; CHANNELS]> {
 }
 
 /// The eigenproblems of blocks, as assembled by the device.
-///
-/// # Errors
-/// Device memory; device errors.
 pub fn problems(
     context: &Context<'_>,
     resident: &Resident,

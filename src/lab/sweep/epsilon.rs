@@ -59,9 +59,6 @@ fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Resu
 }
 
 /// Measures the axis.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Regularisation>]) -> Result<AxisRecord, Error> {
     let resident = Resident::upload(context.session.device, &context.subject.model)?;
     let mut axis = AxisRecord::new(

@@ -121,9 +121,6 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
 }
 
 /// Measures the axis.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord, Error> {
     let (device, subject) = (context.session.device, context.subject);
     let training = TrainingModel::new(device, &subject.model)?;

@@ -46,9 +46,6 @@ fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
 
 /// Measures keep and selector, one or both, from one checkpoint at the prune point; measures nothing if neither is
 /// requested.
-///
-/// # Errors
-/// Errors of a comparison.
 pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let given = &training.pruning.compression;
     let asked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis, Axis::Keep | Axis::Selector)).collect();
@@ -139,9 +136,6 @@ fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> RungReco
 }
 
 /// Measures the axis of lengths: schedules scale as a whole, so that each rung is a separate run.
-///
-/// # Errors
-/// Errors of a run.
 pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
@@ -175,9 +169,6 @@ fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
 }
 
 /// Measures the axis of effects: switches each effect to the opposite of the run's choice, if possible.
-///
-/// # Errors
-/// Errors of a run.
 pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]) -> Result<AxisRecord, Error> {
     let mut axis =
         AxisRecord::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);

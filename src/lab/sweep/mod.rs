@@ -24,9 +24,6 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Writes `sweep.html` of a sweep into its folder.
-///
-/// # Errors
-/// [`Error::Write`].
 pub fn write_page(swept: &SweepRecord, folder: &Path) -> Result<(), Error> {
     Output::text(&folder.join("sweep.html"), &page::page(swept))
 }
@@ -44,9 +41,6 @@ pub struct Context<'a> {
 }
 
 /// Measures one light axis; returns `None` for a heavy one.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>, Error> {
     let Some(measure) = asked.axis.measure() else { return Ok(None) };
     let begun = Instant::now();
@@ -57,9 +51,6 @@ pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>,
 }
 
 /// Measures the requested heavy axes: first those that share a checkpoint.
-///
-/// # Errors
-/// Errors of runs and comparisons.
 pub fn heavy(training: &heavy::Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
     let begun = Instant::now();
     let mut out = heavy::forked(training, asked)?;

@@ -200,9 +200,6 @@ fn tables() -> [Table; 3] {
 }
 
 /// Measures the axis.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>]) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let blocks = blocks::sampled(model, Basis::default().partition);

@@ -3,7 +3,8 @@
 use super::SweepRecord;
 use super::records::{AxisRecord, Better, RungRecord, Table};
 use crate::report::format::{NONE, count, decimals, seconds, short};
-use crate::report::page::{self, Column, Section, absent, facts, side_by_side, table};
+use crate::report::page::Column::{self, Number, Text};
+use crate::report::page::{self, Section, absent, facts, list, side_by_side, table};
 use crate::report::plot::{Accuracies, Axis as Scale, Front, Point};
 use maud::{Markup, html};
 
@@ -93,29 +94,22 @@ fn plot(axis: &AxisRecord) -> Markup {
 }
 
 fn rungs(axis: &AxisRecord) -> Markup {
-    let columns = [
-        Column::Text("rung"),
-        Column::Number("time"),
-        Column::Number("quartiles"),
-        Column::Number("accuracy"),
-        Column::Text(""),
-    ];
-    let row = |r: &RungRecord| {
-        let marks = match (r.default, r.front) {
-            (true, true) => "default, on the front",
-            (true, false) => "default",
-            (false, true) => "on the front",
-            _ => "",
-        };
-        vec![
-            r.name.clone(),
-            r.time.map_or(NONE.into(), |t| short(t.median)),
-            r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3))),
-            axis.shown(r),
-            marks.to_owned(),
-        ]
+    let marks = |r: &RungRecord| match (r.default, r.front) {
+        (true, true) => "default, on the front",
+        (true, false) => "default",
+        (false, true) => "on the front",
+        _ => "",
     };
-    table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
+    list(
+        &axis.rungs,
+        &[
+            (Text("rung"), &|r| r.name.clone()),
+            (Number("time"), &|r| r.time.map_or(NONE.into(), |t| short(t.median))),
+            (Number("quartiles"), &|r| r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3)))),
+            (Number("accuracy"), &|r| axis.shown(r)),
+            (Text(""), &|r| marks(r).to_owned()),
+        ],
+    )
 }
 
 /// Further measurements of each rung.
@@ -124,9 +118,9 @@ fn figures(axis: &AxisRecord) -> Markup {
     names.sort_unstable();
     names.dedup();
     let titles: Vec<String> = names.iter().map(|n| n.replace('_', " ")).collect();
-    let columns: Vec<Column<'_>> = [Column::Text("rung"), Column::Number("rounds"), Column::Number("host's clock")]
+    let columns: Vec<Column<'_>> = [Text("rung"), Number("rounds"), Number("host's clock")]
         .into_iter()
-        .chain(titles.iter().map(|t| Column::Number(t)))
+        .chain(titles.iter().map(|t| Number(t)))
         .collect();
     let value = |v: f64| if (0.01..100.0).contains(&v.abs()) { decimals(v, 4) } else { short(v) };
     let row = |r: &RungRecord| {
@@ -139,7 +133,7 @@ fn figures(axis: &AxisRecord) -> Markup {
 }
 
 fn details(t: &Table) -> Markup {
-    let column = |(k, title): (usize, &&'static str)| if k == 0 { Column::Text(title) } else { Column::Number(title) };
+    let column = |(k, title): (usize, &&'static str)| if k == 0 { Text(title) } else { Number(title) };
     let columns: Vec<Column<'_>> = t.columns.iter().enumerate().map(column).collect();
     html! {
         h3 { (t.title) }

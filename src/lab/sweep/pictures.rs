@@ -95,9 +95,6 @@ fn crop(camera: &Camera, width: u32, height: u32) -> Camera {
 }
 
 /// Measures the axis of culling.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.session.device, &subject.model)?;
@@ -175,9 +172,6 @@ pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRec
 }
 
 /// Measures the axis of the transmittance at which blending stops.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn stop(context: &Context<'_>, rungs: &[Rung<f32>]) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.session.device, &subject.model)?;

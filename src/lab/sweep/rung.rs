@@ -101,10 +101,10 @@ impl Solver {
     pub(super) fn of(name: &str) -> Option<Self> {
         let named = |library: &str| LIBRARIES.iter().copied().find(|l| l.name() == library);
         let (name, library) = match name.split_once('@') {
-            Some((name, library)) => (name, named(library).filter(|_| name != Eigensolver::Device.to_string())?),
+            Some((name, library)) => (name, named(library).filter(|_| name != Eigensolver::Device.name())?),
             None => (name, serving()),
         };
-        let eigensolver = Eigensolver::ALL.into_iter().find(|solver| solver.to_string() == name)?;
+        let eigensolver = Eigensolver::ALL.into_iter().find(|solver| solver.name() == name)?;
         Some(Self { eigensolver, library })
     }
 }

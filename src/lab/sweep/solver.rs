@@ -144,9 +144,6 @@ impl<'a> Measured<'a> {
 }
 
 /// Measures the axis.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Solver>]) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let resident = Resident::upload(context.session.device, model)?;

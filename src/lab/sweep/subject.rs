@@ -63,9 +63,6 @@ fn few<T>(all: Vec<T>, count: usize) -> Vec<T> {
 
 /// The subject of a scene: a briefly trained model, or the given one, with responses from the training photos. It is
 /// stored in `folder`.
-///
-/// # Errors
-/// Errors of a run.
 pub fn of_scene(
     session: &Session<'_>,
     folder: &Path,
@@ -104,9 +101,6 @@ pub fn of_scene(
 
 /// The subject of a model, drawn in its mode: virtual cameras of this size around it, and its own pictures over a
 /// background.
-///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
 pub fn of_model(
     session: &Session<'_>,
     path: &Path,

@@ -88,9 +88,6 @@ pub struct Timed {
 /// Runs `rungs` bodies in turn, round after round: once unmeasured, then as often as fits into about `budget` seconds,
 /// but at least `least` times. Every other round goes backward, so that a machine that slows down or speeds up favours
 /// none. A body receives the index of its rung and the number of the round.
-///
-/// # Errors
-/// The first error of a body; [`Error::Interrupted`].
 pub fn interleaved(
     rungs: usize,
     budget: f64,

@@ -10,11 +10,11 @@ mod weights;
 mod winograd;
 
 use super::{Error, Image};
+use crate::wording::named;
 use conv::Conv;
 use glam::Vec4;
 use rayon::prelude::*;
 use rows::{Map, Pool, window_places};
-use std::fmt;
 
 /// Floats of the widest feature map that a strip may hold (32 MB).
 const STRIP: usize = 8 << 20;
@@ -22,21 +22,14 @@ const STRIP: usize = 8 << 20;
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 
-/// The network that computes the features.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// VGG16: relu1_2, 2_2, 3_3, 4_3, 5_3.
-    Vgg,
-    /// AlexNet: its five ReLUs.
-    Alex,
-}
-
-impl fmt::Display for Kind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Vgg => "vgg",
-            Self::Alex => "alex",
-        })
+named! {
+    /// The network that computes the features.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Kind {
+        /// VGG16: relu1_2, 2_2, 3_3, 4_3, 5_3.
+        Vgg = "vgg",
+        /// AlexNet: its five ReLUs.
+        Alex = "alex",
     }
 }
 

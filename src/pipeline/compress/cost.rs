@@ -12,9 +12,6 @@ const FINE: f64 = 44.0;
 
 /// Packs a whole model, and measures the PSNR of its pictures in dB; none if they are equal. Settings are the format's usual ones, or
 /// finer ones if pictures show a loss.
-///
-/// # Errors
-/// What the format cannot hold; device memory; device errors; [`Error::Interrupted`].
 pub fn pack(
     session: &Session<'_>,
     (model, style): (&Gaussians, Style),

@@ -29,9 +29,6 @@ pub struct CurvePlan<'a> {
 }
 
 /// Measures the best files of a model at several sizes.
-///
-/// # Errors
-/// As of a compression.
 pub fn curve(
     session: &Session<'_>,
     input: Input<'_>,

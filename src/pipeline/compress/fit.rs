@@ -39,9 +39,6 @@ pub struct Judge<'a> {
 
 impl<'a> Judge<'a> {
     /// Draws, or takes, a few of the views trained on; with `held_out`, takes those held out, if there are some.
-    ///
-    /// # Errors
-    /// Device memory; device errors; [`Error::Interrupted`].
     pub fn new(
         session: &'a Session<'a>,
         views: &'a Views,
@@ -66,9 +63,6 @@ impl<'a> Judge<'a> {
     }
 
     /// PSNR of a file's pictures in dB, the mean over the views; infinite if they are equal.
-    ///
-    /// # Errors
-    /// Device memory; device errors; a file that cannot be read.
     pub fn psnr(&self, packed: &[u8], name: &Path) -> Result<f64, Error> {
         let model = formats::read_bytes(packed, name).map_err(Error::writing)?.gaussians;
         let settings = self.views.settings;
@@ -108,9 +102,6 @@ impl<'a> Target<'a> {
     }
 
     /// The model in this format.
-    ///
-    /// # Errors
-    /// What the format cannot hold.
     pub fn pack(&self, model: &Gaussians, mode: RenderMode, precision: Precision) -> Result<Vec<u8>, Error> {
         formats::encode(self.format, model, mode, (precision, self.spz)).map_err(Error::writing)
     }
@@ -129,9 +120,6 @@ impl<'a> Target<'a> {
     }
 
     /// Writes the file of a packed model; without one, of a model in a format that stores floats.
-    ///
-    /// # Errors
-    /// [`Error::Write`].
     pub fn write(&self, packed: Option<Vec<u8>>, model: &Gaussians, mode: RenderMode) -> Result<(), Error> {
         match packed.map(|packed| self.file(packed)) {
             Some(file) => formats::write_atomically(self.path, |out| out.write_all(&file))
@@ -258,9 +246,6 @@ fn readable(bytes: u64) -> String {
 
 /// The packed model that loses little more than the model itself, whose PSNR in the judge's views is `psnr`: the coarsest settings
 /// of its format for which that is so; the usual ones without a judge. None if the format stores floats.
-///
-/// # Errors
-/// Those of writing the file and of drawing its pictures.
 pub fn packed(
     judge: Option<&Judge<'_>>,
     model: &Gaussians,
@@ -322,9 +307,6 @@ impl Trials for Shown<'_> {
 
 /// A model packed into at most `most` bytes of file, as finely as that allows; if even the coarsest settings need more, Gaussians that show
 /// least are left out until they do not. `near` is a rung whose file is about as large.
-///
-/// # Errors
-/// Those of writing the file.
 pub fn within(
     model: &mut Gaussians,
     mode: RenderMode,

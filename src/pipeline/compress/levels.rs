@@ -12,9 +12,6 @@ use crate::qirf::pairs::Sequence;
 const SHARE: f64 = 1.0 / 3.0;
 
 /// So many levels of a model, the model itself first; fewer if one Gaussian is left.
-///
-/// # Errors
-/// As of a compression.
 pub fn levels(
     session: &Session<'_>,
     model: &Gaussians,

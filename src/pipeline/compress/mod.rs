@@ -55,9 +55,6 @@ pub fn compress(
 }
 
 /// Compresses a model in memory: the record's files have no path, and no bytes.
-///
-/// # Errors
-/// As of [`compress`].
 pub fn compress_in_memory(
     session: &Session<'_>,
     model: Gaussians,

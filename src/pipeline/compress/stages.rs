@@ -52,9 +52,6 @@ pub fn census(session: &Session<'_>, model: &Gaussians, config: &CompressConfig)
 
 /// The responses of one chunk of views. Of photos, which are named, only those of the chunk are decoded; they may have known
 /// exposures.
-///
-/// # Errors
-/// As of a compression.
 pub fn evidence(
     session: &Session<'_>,
     model: &Gaussians,
@@ -82,9 +79,6 @@ pub fn evidence(
 }
 
 /// The choice of Gaussians, by the responses of all chunks in their order. Photos are named, and are not decoded.
-///
-/// # Errors
-/// As of a compression; those of the chunks.
 pub fn choose(
     session: &Session<'_>,
     model: &Gaussians,
@@ -100,9 +94,6 @@ pub fn choose(
 }
 
 /// The scores of a compressed model in the views held out with these numbers. Photos held out are named, and only these are decoded.
-///
-/// # Errors
-/// As of a compression.
 pub fn score(
     session: &Session<'_>,
     model: &Gaussians,

@@ -80,15 +80,9 @@ fn options(device: &Device, (gaussians, degree): (usize, usize), views: &Views, 
         seed: config.seed,
         degree,
         most: gaussians,
-        tail: 0,
-        cameras: None,
         exposure: views.exposures.clone(),
-        poses: false,
-        dropout: false,
-        depth_loss: false,
         weights: Weights { l2: Pruning::L2 as f32, ..Weights::default() },
-        averaged: 0..0,
-        method: None,
         pairs: pair_capacity::initial(device, gaussians),
+        ..Options::default()
     }
 }

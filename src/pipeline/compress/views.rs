@@ -108,16 +108,12 @@ impl Views {
 
     /// Memory needs of a compression by these photos.
     fn needs(opened: &Opened, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
-        CompressNeeds {
-            size: opened.size(),
-            own_pictures: false,
-            photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
-            masked: opened.scene.has_masks(),
-            wanted: config.compression.selector.reads(),
-            solver: config.compression.basis.solver,
-            style: config.style,
-            trained: trained(config, model),
-        }
+        Self::with_config(CompressNeeds::of_photos(opened), model, config)
+    }
+
+    fn with_config(needs: CompressNeeds, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
+        let (wanted, solver) = (config.compression.selector.reads(), config.compression.basis.solver);
+        CompressNeeds { wanted, solver, style: config.style, trained: trained(config, model), ..needs }
     }
 
     fn of_model<'m>(
@@ -128,17 +124,9 @@ impl Views {
         held_out: Range<usize>,
     ) -> Result<(Self, DrawSource<'m>), Error> {
         let size = [cameras.size.0, cameras.size.1];
-        let needs = CompressNeeds {
-            size,
-            own_pictures: true,
-            photos: vec![4 * u64::from(size[0]) * u64::from(size[1]); cameras.views as usize],
-            masked: false,
-            wanted: config.compression.selector.reads(),
-            solver: config.compression.basis.solver,
-            style: config.style,
-            trained: trained(config, model),
-        };
-        let place = budget::for_compress(session.device, model, needs)?;
+        let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); cameras.views as usize];
+        let needs = CompressNeeds { size, own_pictures: true, photos, ..CompressNeeds::default() };
+        let place = budget::for_compress(session.device, model, Self::with_config(needs, model, config))?;
         let (cameras, settings) = cameras.views(model, background, config.style);
         let shown = DrawSource::new(session, model, place.whole)?;
         let drawn = (config.fine_tune > 0, held_out);

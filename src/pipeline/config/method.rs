@@ -22,9 +22,6 @@ pub struct MethodConfig {
 pub type Methods = fn(&MethodConfig, &Device) -> Result<Arc<dyn Method>, Error>;
 
 /// For jobs that know no methods: refuses every name.
-///
-/// # Errors
-/// [`Error::Usage`].
 pub fn no_methods(config: &MethodConfig, _: &Device) -> Result<Arc<dyn Method>, Error> {
     Err(Error::Usage(format!("config.toml: [method] names '{}', and this program has no methods", config.name)))
 }

@@ -27,9 +27,6 @@ pub const SHARE: RangeInclusive<f64> = 0.0..=1.0;
 pub const WEIGHT: RangeInclusive<f64> = 0.0..=1e6;
 
 /// Refuses a value outside its range, and NaN.
-///
-/// # Errors
-/// The field, its value, and its range.
 pub fn within<T: Copy + PartialOrd + Display>(field: &str, value: T, range: &RangeInclusive<T>) -> Result<(), String> {
     if range.contains(&value) {
         return Ok(());
@@ -38,9 +35,6 @@ pub fn within<T: Copy + PartialOrd + Display>(field: &str, value: T, range: &Ran
 }
 
 /// Checks every number of a configuration.
-///
-/// # Errors
-/// The field, its value, and its range.
 pub fn check(config: &RunConfig) -> Result<(), String> {
     within("sh_degree", config.sh_degree, &(0..=MAX_SH_DEGREE))?;
     within("max_gaussians", config.max_gaussians, &(1..=MOST_GAUSSIANS))?;

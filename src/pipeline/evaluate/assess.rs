@@ -39,9 +39,6 @@ pub fn mean(values: &[f64]) -> Option<f64> {
 impl Evaluator {
     /// Measures a model on the held-out views of a scene. Writes pictures of held-out views to the folder `renders`, if given;
     /// `follow` receives the number of views done, and may end the work.
-    ///
-    /// # Errors
-    /// Device errors; pictures that cannot be written; errors of `follow`.
     pub fn assess<'m>(
         &mut self,
         model: impl Into<Source<'m>>,

@@ -25,9 +25,6 @@ const GROUP_BYTES: u64 = 1 << 28;
 const EMPTY: f32 = 1e-3;
 
 /// Red, green, blue of a photo in [0, 1] over a background, row by row.
-///
-/// # Errors
-/// A photo in a file that cannot be read.
 pub fn truth(view: &Photo, background: [f32; 3]) -> Result<Vec<f32>, Error> {
     let mut out = Vec::with_capacity(view.pixels.len() / 4 * 3);
     for p in view.pixels.read().map_err(train::Error::Photos)?.chunks_exact(4) {
@@ -40,9 +37,6 @@ pub fn truth(view: &Photo, background: [f32; 3]) -> Result<Vec<f32>, Error> {
 }
 
 /// Puts the background in a rendered picture (red, green, blue of each pixel) where the photo's mask hides the photo.
-///
-/// # Errors
-/// A photo in a file that cannot be read.
 pub fn hide(rendered: &mut [f32], view: &Photo, background: [f32; 3]) -> Result<(), Error> {
     if view.alpha_role == AlphaRole::Mask {
         let bytes = view.pixels.read().map_err(train::Error::Photos)?;
@@ -130,9 +124,6 @@ impl Comparison {
 
 impl Evaluator {
     /// An evaluator of models on the device, for views of at most the size of the largest given one.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn new<'a>(
         device: &Device,
         settings: Settings,
@@ -148,17 +139,11 @@ impl Evaluator {
     }
 
     /// An evaluator of models on the device that has no room for any yet, and grows to what it draws.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn empty(device: &Device, settings: Settings) -> Result<Self, Error> {
         Ok(Self::with(Painter::new(device, settings, 1, [1, 1])?, settings))
     }
 
     /// An evaluator of a model wherever it is, for views of at most the size of the largest given one.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn of<'a>(
         device: &Device,
         settings: Settings,
@@ -175,9 +160,6 @@ impl Evaluator {
     }
 
     /// Gives the painter's buffers back until the next view.
-    ///
-    /// # Errors
-    /// Device memory.
     pub fn rest(&mut self) -> Result<(), Error> {
         self.painter.renderer().release()?;
         Ok(())
@@ -192,17 +174,11 @@ impl Evaluator {
     }
 
     /// Renders a view.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn render<'m>(&mut self, model: impl Into<Source<'m>>, view: &Photo) -> Result<Image, Error> {
         Ok(self.painter.render(model.into(), &view.camera)?)
     }
 
     /// Draws a view without reading it back, for the frame rate.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn draw(&mut self, model: &Resident, view: &Photo) -> Result<(), Error> {
         self.painter.renderer().draw(model, &view.camera)?;
         Ok(())
@@ -250,9 +226,6 @@ impl Evaluator {
     }
 
     /// PSNR of each view in dB, without pictures or networks.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn psnr<'a, 'm>(
         &mut self,
         model: impl Into<Source<'m>>,
@@ -264,9 +237,6 @@ impl Evaluator {
     }
 
     /// PSNR of each whole view as rendered, without fitted exposures; of none if exposures are not fitted.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn unfitted_psnr<'a, 'm>(
         &mut self,
         model: impl Into<Source<'m>>,
@@ -283,9 +253,6 @@ impl Evaluator {
 
     /// Renders and scores held-out views, by name; writes their pictures to the folder `renders`, if given. `follow`
     /// receives the number of views done, and may end the work.
-    ///
-    /// # Errors
-    /// Device errors; pictures that cannot be written; errors of `follow`.
     pub fn held_out<'m>(
         &mut self,
         model: impl Into<Source<'m>>,
@@ -310,9 +277,6 @@ impl Evaluator {
     }
 
     /// Pictures per second at the views' own sizes, rendering alone; none without views.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn frames_per_second<'m>(
         &mut self,
         model: impl Into<Source<'m>>,

@@ -53,9 +53,6 @@ fn of(prepared: &Prepared) -> Vec<Exhibit> {
 }
 
 /// Writes the photos of the views shown below the folder `renders`.
-///
-/// # Errors
-/// Photos in a file that cannot be read; pictures that cannot be written.
 pub fn photos(prepared: &Prepared, renders: &Path) -> Result<(), Error> {
     of(prepared).into_par_iter().try_for_each(|exhibit| {
         let view = &prepared.test[exhibit.view].1;
@@ -68,9 +65,6 @@ pub fn photos(prepared: &Prepared, renders: &Path) -> Result<(), Error> {
 
 /// Renders the views shown with the dense model, below the folder `renders`, where the report of a resumed run finds
 /// them.
-///
-/// # Errors
-/// Device errors; pictures that cannot be written.
 pub fn dense(evaluator: &mut Evaluator, model: &Resident, prepared: &Prepared, renders: &Path) -> Result<(), Error> {
     for exhibit in of(prepared) {
         let image = evaluator.render(model, &prepared.test[exhibit.view].1)?;

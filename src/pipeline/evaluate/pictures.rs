@@ -72,9 +72,6 @@ pub fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<P
 }
 
 /// Writes one picture; with `transparent` a PNG keeps alpha, and its colours are divided by it.
-///
-/// # Errors
-/// [`Error::Write`].
 pub fn write(path: &Path, image: &Image, format: Format, transparent: bool) -> Result<(), Error> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
@@ -92,9 +89,6 @@ pub fn byte(value: f32) -> u8 {
 }
 
 /// Encodes a picture as PNG; with `transparent` as [`write()`] does.
-///
-/// # Errors
-/// Those of `out`.
 pub fn write_png(out: &mut dyn io::Write, image: &Image, transparent: bool) -> io::Result<()> {
     let (bytes, kind): (Vec<u8>, _) = if transparent {
         let pixel = |p: &[f32; 4]| {

@@ -55,9 +55,6 @@ impl Assembly<'_> {
     /// Assembles and solves every batch on the device, and calls `body` with the number and the solution of each block,
     /// in order, while the device works on the next batch. Returns the device times.
     ///
-    /// # Errors
-    /// Device memory; device errors; the first error of `body`.
-    ///
     /// # Panics
     /// If W was not requested of the assembly.
     pub fn solve_each<E: From<Error>>(

@@ -9,44 +9,33 @@ pub mod device;
 use super::assemble::{symmetric, unpack_lower};
 use super::dense::{Library, Real, serving};
 use super::{CHANNELS, Row};
+use crate::wording::named;
 use serde::{Deserialize, Serialize};
-use std::fmt;
 
 /// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
 const ENERGY_SLACK: f64 = 1e-6;
 
-/// Solver of the eigenproblem: the same solution at different costs. A block that a solver cannot factorise falls back
-/// to the next: from the device to `LowRank`, from there to the metric's canonical form.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Eigensolver {
-    /// The full generalized eigenproblem in float64, as the paper solves it; it reads P.
-    Dsygvd,
-    /// Cholesky and an 8x8 eigenproblem in float64, from W.
-    #[default]
-    LowRank,
-    /// The same in float32; the 8x8 part stays float64.
-    LowRankF32,
-    /// All of it in float32 on the device; only participations and eigenvalues are read back ([`device`]).
-    Device,
+named! {
+    /// Solver of the eigenproblem: the same solution at different costs. A block that a solver cannot factorise falls back
+    /// to the next: from the device to `LowRank`, from there to the metric's canonical form.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Eigensolver {
+        /// The full generalized eigenproblem in float64, as the paper solves it; it reads P.
+        Dsygvd = "dsygvd",
+        /// Cholesky and an 8x8 eigenproblem in float64, from W.
+        #[default]
+        LowRank = "low-rank",
+        /// The same in float32; the 8x8 part stays float64.
+        LowRankF32 = "low-rank-f32",
+        /// All of it in float32 on the device; only participations and eigenvalues are read back ([`device`]).
+        Device = "device",
+    }
 }
 
 impl Eigensolver {
-    /// All solvers, the slowest first.
-    pub const ALL: [Self; 4] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32, Self::Device];
     /// The solvers that run on the host.
     pub const HOST: [Self; 3] = [Self::Dsygvd, Self::LowRank, Self::LowRankF32];
-}
-
-impl fmt::Display for Eigensolver {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Dsygvd => "dsygvd",
-            Self::LowRank => "low-rank",
-            Self::LowRankF32 => "low-rank-f32",
-            Self::Device => "device",
-        })
-    }
 }
 
 /// A block's metric in the eigenproblem: m x m, symmetric, epsilon on its diagonal.

@@ -1,6 +1,5 @@
 //! The selectors by name, and the scores of those that rank each Gaussian alone.
 
-use std::fmt;
 use std::str::FromStr;
 
 use rayon::prelude::*;
@@ -11,7 +10,7 @@ use crate::qirf::CHANNELS;
 use crate::qirf::partition::Blocks;
 use crate::random;
 use crate::response::{Score, Wanted};
-use crate::wording::unknown;
+use crate::wording::{named, unknown};
 
 /// Salt of the random selector's numbers.
 const SALT: u64 = 0x5e1e_c702;
@@ -31,57 +30,42 @@ pub enum BlockSelector {
     Css,
 }
 
-/// A rule that orders Gaussians, the first to keep first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Selector {
-    /// The paper's generalized, non-orthogonal participation.
-    Gnso,
-    /// Participation with the identity as the metric: the paper's ablation.
-    Ordinary,
-    /// Norm of a row of (N + eps I)^(-1/2) W.
-    Lowdin,
-    /// Norm of a row of H.
-    Importance,
-    /// Sum over pixels of T alpha.
-    Contribution,
-    /// Opacity.
-    Opacity,
-    /// A seeded random number.
-    Random,
-    /// Greedy column subset.
-    #[default]
-    Css,
-    /// Largest T alpha over pixels (`RadSplat`, by rank).
-    Radsplat,
-    /// Global significance (`LightGaussian`).
-    Lightgaussian,
-    /// Change of the squared error if only this Gaussian is removed.
-    Removal,
-    /// Squared change of the pictures if only this Gaussian is removed, whatever the photos show (`GaussianPOP`).
-    Change,
-    /// Merging of pairs of neighbours wherever the pictures show it least ([`crate::qirf::pairs`]).
-    Pairs,
+named! {
+    /// A rule that orders Gaussians, the first to keep first.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Selector {
+        /// The paper's generalized, non-orthogonal participation.
+        Gnso = "gnso",
+        /// Participation with the identity as the metric: the paper's ablation.
+        Ordinary = "ordinary",
+        /// Norm of a row of (N + eps I)^(-1/2) W.
+        Lowdin = "lowdin",
+        /// Norm of a row of H.
+        Importance = "importance",
+        /// Sum over pixels of T alpha.
+        Contribution = "contribution",
+        /// Opacity.
+        Opacity = "opacity",
+        /// A seeded random number.
+        Random = "random",
+        /// Greedy column subset.
+        #[default]
+        Css = "css",
+        /// Largest T alpha over pixels (`RadSplat`, by rank).
+        Radsplat = "radsplat",
+        /// Global significance (`LightGaussian`).
+        Lightgaussian = "lightgaussian",
+        /// Change of the squared error if only this Gaussian is removed.
+        Removal = "removal",
+        /// Squared change of the pictures if only this Gaussian is removed, whatever the photos show (`GaussianPOP`).
+        Change = "change",
+        /// Merging of pairs of neighbours wherever the pictures show it least ([`crate::qirf::pairs`]).
+        Pairs = "pairs",
+    }
 }
 
 impl Selector {
-    /// All selectors with their names on the command line.
-    pub const NAMES: [(Self, &'static str); 13] = [
-        (Self::Gnso, "gnso"),
-        (Self::Ordinary, "ordinary"),
-        (Self::Lowdin, "lowdin"),
-        (Self::Importance, "importance"),
-        (Self::Contribution, "contribution"),
-        (Self::Opacity, "opacity"),
-        (Self::Random, "random"),
-        (Self::Css, "css"),
-        (Self::Radsplat, "radsplat"),
-        (Self::Lightgaussian, "lightgaussian"),
-        (Self::Removal, "removal"),
-        (Self::Change, "change"),
-        (Self::Pairs, "pairs"),
-    ];
-
     /// The selector of blocks, for selectors that need overlaps; `None` for those that score each Gaussian alone.
     pub fn of_blocks(self) -> Option<BlockSelector> {
         match self {
@@ -132,18 +116,12 @@ impl Selector {
     }
 }
 
-impl fmt::Display for Selector {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(Self::NAMES.iter().find(|(s, _)| s == self).map_or("", |(_, name)| name))
-    }
-}
-
 impl FromStr for Selector {
     type Err = String;
 
     fn from_str(name: &str) -> Result<Self, String> {
-        let known = Self::NAMES.iter().find(|(_, n)| *n == name).map(|(s, _)| *s);
-        known.ok_or_else(|| unknown(name, "a selector", Self::NAMES.map(|(_, n)| n)))
+        let known = Self::ALL.into_iter().find(|selector| selector.name() == name);
+        known.ok_or_else(|| unknown(name, "a selector", Self::ALL.map(Self::name)))
     }
 }
 

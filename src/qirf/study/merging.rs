@@ -13,9 +13,6 @@ use rayon::prelude::*;
 impl Study {
     /// Merges dropped Gaussians of `model` into kept ones: opacities and colours of kept ones change if that lowers the
     /// error of their block. `model` is the studied model, and `resident` its copy on the device.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn merge(
         &self,
         device: &Device,

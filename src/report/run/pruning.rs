@@ -1,7 +1,6 @@
 //! Each prune: its counts, and statistics of its blocks.
 
 use crate::pipeline::records::{PruneRecord, PruneSeconds, RunRecord};
-use crate::qirf::select::Selector;
 use crate::report::format::{count, decimals, percent, seconds, short};
 use crate::report::page::{absent, facts, side_by_side};
 use crate::report::plot::{Axis, Bar, Columns, bars};
@@ -39,7 +38,7 @@ pub fn body(results: &RunRecord) -> Markup {
 
 /// A prune's counts and times.
 pub fn one(prune: &PruneRecord) -> Markup {
-    let selector = Selector::NAMES.iter().find(|(s, _)| *s == prune.selector).map_or("", |(_, name)| name);
+    let selector = prune.selector.name();
     let removed = prune.before.saturating_sub(prune.after);
     let mut known = vec![
         ("after iteration", count(prune.iteration as usize)),

@@ -115,9 +115,6 @@ impl Lens {
     }
 
     /// A panorama of all directions: longitude and latitude give a pixel. The middle looks along z.
-    ///
-    /// # Errors
-    /// As [`Lens::from_colmap`].
     pub fn panorama(width: u64, height: u64) -> Result<Self, String> {
         let [width, height] = [width, height].map(saturated);
         let size = DVec2::new(f64::from(width), f64::from(height));

@@ -123,9 +123,6 @@ impl BlockRun {
 
     /// A coarse model of the whole scene, by a short run on small pictures. It continues from the checkpoint in
     /// `output`, if there is one.
-    ///
-    /// # Errors
-    /// Errors of a run; photos other than the plan's.
     pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
         let opened = self.opened()?;
         let points = self.config.init == Init::Points && !opened.scene.points.is_empty();
@@ -138,9 +135,6 @@ impl BlockRun {
     }
 
     /// The blocks of the scene, from pictures of a coarse model in the size that it was trained on.
-    ///
-    /// # Errors
-    /// Device memory; device errors; [`Error::Interrupted`].
     pub fn assign(&self, session: &Session<'_>, coarse: &Snapshot) -> Result<Layout, Error> {
         let Snapshot { model: coarse, exposures: (exposures, _), .. } = coarse;
         let opened = self.opened()?;
@@ -161,9 +155,6 @@ impl BlockRun {
 
     /// Block number `b` up to the prune, with the coarse model in place of the other blocks: its own Gaussians with
     /// their moments. It continues from the checkpoint in `output`, if there is one.
-    ///
-    /// # Errors
-    /// Errors of a run; photos other than the plan's.
     pub fn dense(
         &self,
         session: &Session<'_>,
@@ -194,9 +185,6 @@ impl BlockRun {
     }
 
     /// Responses of a chunk of photos to the Gaussians of all blocks.
-    ///
-    /// # Errors
-    /// Errors of a compression.
     pub fn evidence(
         &self,
         session: &Session<'_>,
@@ -211,9 +199,6 @@ impl BlockRun {
 
     /// The number of Gaussians of each block that a choice among all of them keeps, by the responses of all chunks in
     /// their order.
-    ///
-    /// # Errors
-    /// Errors of a compression and of the chunks.
     pub fn choose(
         &self,
         session: &Session<'_>,
@@ -230,9 +215,6 @@ impl BlockRun {
     /// Block number `b` from the first meeting to the second, with the Gaussians of the others frozen. It prunes to
     /// `quota` Gaussians; without a quota it also trains other blocks' Gaussians that lie in its grown cell, since each
     /// side of a border expects what the other does. It continues from the checkpoint in `output`, if there is one.
-    ///
-    /// # Errors
-    /// Errors of a run; photos other than the plan's.
     pub fn tune(
         &self,
         session: &Session<'_>,
@@ -260,9 +242,6 @@ impl BlockRun {
     /// Block number `b` from the second meeting to the third, after its prune if there was one. It trains other blocks'
     /// Gaussians in its grown cell along with its own, and passes them on behind these, as copies for
     /// [`copies`](super::copies). It continues from the checkpoint in `output`, if there is one.
-    ///
-    /// # Errors
-    /// Errors of a run; photos other than the plan's.
     pub fn settle(
         &self,
         session: &Session<'_>,
@@ -278,9 +257,6 @@ impl BlockRun {
 
     /// Block number `b` from the third meeting to the end: like [`BlockRun::settle`], whose result is `settled`, in
     /// `blended`, the scene of the blocks' blended copies.
-    ///
-    /// # Errors
-    /// Errors of a run; photos other than the plan's.
     pub fn finish(
         &self,
         session: &Session<'_>,

@@ -13,9 +13,6 @@ use std::path::Path;
 
 impl BlockRun {
     /// Measures the joined model on some of the photos, by number: held-out photos come first, then training photos.
-    ///
-    /// # Errors
-    /// Errors of an evaluation; photos other than the plan's.
     pub fn score(&self, session: &Session<'_>, model: &Gaussians, photos: Range<usize>) -> Result<Assessment, Error> {
         let RunConfig { style, exposure, .. } = self.config;
         let evaluation = Evaluation { selection: self.config.selection(), style, exposure };

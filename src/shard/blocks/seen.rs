@@ -48,9 +48,6 @@ pub type Seen = Vec<Vec<BlockVisibility>>;
 /// Draws `model` from each camera, at the size of the second list, and adds up the contributions of its blocks.
 /// `owners` is the block of each Gaussian, out of `blocks`.
 ///
-/// # Errors
-/// Device memory; device errors; [`Error::Interrupted`].
-///
 /// # Panics
 /// If there is not one owner per Gaussian, or not one small camera per camera.
 pub fn seen(

@@ -17,9 +17,6 @@ use std::io;
 
 /// Turns `photo` into a block's training target: from the picture `before`, drawn over the background and exposed by
 /// `map`, towards the photo by `share`, whose red channel is the block's share of each pixel.
-///
-/// # Errors
-/// If the photo lies in a file that cannot be read.
 fn mix(photo: &mut Photo, share: &Image, before: &Image, map: Option<&[f32]>, background: [f32; 3]) -> io::Result<()> {
     let mut bytes = photo.pixels.read()?.into_owned();
     for ((pixel, share), before) in bytes.chunks_exact_mut(4).zip(&share.pixels).zip(&before.pixels) {
@@ -63,9 +60,6 @@ impl Setup<'_> {
     /// Replaces the photos by the block's training targets. `model` is the scene as the block finds it, `rows` are the
     /// block's Gaussians in it, and `nothing` is the block's share of the light that no Gaussian contributes: 0..=1,
     /// with sum 1 over all blocks.
-    ///
-    /// # Errors
-    /// Device memory; device errors; photos that cannot be read.
     pub(super) fn take_share(&mut self, model: &Gaussians, rows: &[usize], nothing: f32) -> Result<(), Error> {
         let (device, style) = (self.session.device, self.config.style);
         let size = camera::largest(self.prepared.train.iter().map(|photo| &photo.camera));

@@ -44,9 +44,6 @@ fn checksum<'a>(tensors: impl Iterator<Item = (&'a str, &'a [u8])>, notes: &'a H
 
 impl Snapshot {
     /// Writes the snapshot to a temporary file, flushes it to disk, and renames it.
-    ///
-    /// # Errors
-    /// [`Error::Io`] with the path.
     pub fn write(&self, path: &Path) -> Result<(), Error> {
         let bytes = self.bytes()?;
         write_atomically(path, |out| out.write_all(&bytes))

@@ -52,9 +52,6 @@ pub struct Snapshot {
 
 impl Trainer {
     /// The state after [`Trainer::iteration`] iterations.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn snapshot(&self) -> Result<Snapshot> {
         let read = |buffer: &Buffer<[f32; 2]>| buffer.cast::<f32>().read(&self.device);
         let TrainingModel { moments, growth, .. } = &self.training;

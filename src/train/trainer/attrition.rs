@@ -8,9 +8,6 @@ use crate::train::error::Result;
 
 impl Trainer {
     /// Begins attrition down to `survivors` Gaussians.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn begin_attrition(&mut self, settings: Attrition, survivors: usize) -> Result<()> {
         let logits = self.trained_logits()?;
         let moments = self.training.moments.opacity_logits.read(&self.device)?;
@@ -54,9 +51,6 @@ impl Trainer {
 
     /// Takes longer steps again from here: the positions' rate is rewound and falls to the same end, scales and
     /// rotations move faster for a while, and first moments become 0.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn rewarm(&mut self) -> Result<()> {
         let device = &self.device;
         let still = |moments: &Buffer<[f32; 2]>| -> Result<Buffer<[f32; 2]>> {

@@ -60,9 +60,6 @@ impl Trainer {
     }
 
     /// Lends the model to work that needs memory; the renderer's buffers are freed meanwhile.
-    ///
-    /// # Errors
-    /// Device memory; errors of `work`.
     pub fn lend<T, E: From<gpu::Error>>(&mut self, work: impl FnOnce(&Resident) -> Result<T, E>) -> Result<T, E> {
         self.aside(|_, training| work(&training.model))
     }

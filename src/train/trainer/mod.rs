@@ -179,11 +179,6 @@ impl Trainer {
         &self.training.model
     }
 
-    /// The model in device memory; everything else is freed.
-    pub fn into_model(self) -> Resident {
-        self.training.model
-    }
-
     /// Device time of each stage so far.
     pub fn timings(&self) -> &Timings {
         &self.timings
@@ -196,9 +191,6 @@ impl Trainer {
 
     /// Trains until `until` iterations are done, or until `follow` breaks. `follow` is called after each stretch that
     /// the host checks; a stretch may contain no step if a picture's pairs did not fit.
-    ///
-    /// # Errors
-    /// Errors of [`Trainer::advance`].
     pub fn run_until(
         &mut self,
         until: u32,
@@ -298,9 +290,6 @@ impl Trainer {
     }
 
     /// The current model, on the host.
-    ///
-    /// # Errors
-    /// Device errors.
     pub fn download(&self) -> Result<Gaussians> {
         Ok(self.training.model.download(&self.device)?)
     }

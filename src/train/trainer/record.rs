@@ -16,9 +16,6 @@ use crate::train::poses::Poses;
 
 impl Trainer {
     /// The recording of the next iteration, for tests of what it runs and of its work.
-    ///
-    /// # Errors
-    /// Photos that cannot be read.
     pub fn recording(&mut self) -> Result<Recording> {
         let mut recording = Recording::new();
         self.record(&mut recording, self.iteration + 1, false)?;

@@ -6,13 +6,11 @@ use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::pipeline::effects;
 use qirf_vk::pipeline::{RunConfig, Silent, prepare};
 use qirf_vk::reference::exposure as twin;
-use qirf_vk::render::Settings;
 use qirf_vk::scene::{AlphaRole, PhotoMemory};
 use qirf_vk::synth::{self, SynthOptions, write};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::exposure::{Exposure, PULL, Rendered, SIZE, Step};
 use qirf_vk::train::initialise::{Seed, from_points};
-use qirf_vk::train::loss::Weights;
 use qirf_vk::train::mask::Mask;
 use qirf_vk::train::{Exposures, Options, Trainer};
 use std::ops::ControlFlow;
@@ -114,23 +112,9 @@ fn trainer(device: &Device, scene: &Path, exposure: bool, masked: bool) -> Train
 }
 
 fn options(config: &RunConfig, exposure: bool) -> Options {
-    Options {
-        schedule: config.schedule.clone(),
-        settings: Settings::default(),
-        seed: 1,
-        degree: 1,
-        most: 3000,
-        tail: 0,
-        cameras: None,
-        exposure: exposure.then(|| Exposures::Learnt(Vec::new())),
-        poses: false,
-        dropout: false,
-        depth_loss: false,
-        weights: Weights::default(),
-        averaged: 0..0,
-        method: None,
-        pairs: 1 << 14,
-    }
+    let exposure = exposure.then(|| Exposures::Learnt(Vec::new()));
+    let schedule = config.schedule.clone();
+    Options { schedule, degree: 1, most: 3000, exposure, pairs: 1 << 14, ..Options::default() }
 }
 
 fn train(trainer: &mut Trainer, until: u32) {

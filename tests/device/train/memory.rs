@@ -1,16 +1,17 @@
 //! The estimate of a run's device memory, against the memory that the run takes.
 
+use crate::support::synthetic::scattered;
 use crate::support::{device, finish, new_device};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
 use qirf_vk::lab::methods::learnt_mask::{LearntMask, LearntMasks, MaskMethod};
-use qirf_vk::render::{Purpose, Renderer, Settings, Style, TrainingRenderer, Uses};
+use qirf_vk::render::{Purpose, Renderer, Style, TrainingRenderer, Uses};
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::device_photos::DevicePhotos;
-use qirf_vk::train::loss::{Loss, Weights};
+use qirf_vk::train::loss::Loss;
 use qirf_vk::train::method::Method;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer, TrainerNeeds, TrainingModel};
@@ -18,14 +19,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 fn model(n: usize, degree: usize) -> Gaussians {
-    let at = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;
-    Gaussians {
-        means: (0..n).map(|i| [at(i, 0), at(i, 1), at(i, 2)]).collect(),
-        log_scales: vec![[-3.0; 3]; n],
-        rotations: vec![[1.0, 0.0, 0.0, 0.0]; n],
-        opacity_logits: vec![0.0; n],
-        sh: (0..=degree).map(|l| vec![0.1; n * Gaussians::band_width(l)]).collect(),
-    }
+    scattered(n, degree, -3.0)
 }
 
 fn view(width: u32, height: u32) -> Photo {
@@ -92,23 +86,7 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Ma
     let method = masks.map(|method| -> Arc<dyn Method> {
         Arc::new(LearntMask::new(device, LearntMasks::of(method, n / 2, 60)).unwrap())
     });
-    let options = Options {
-        schedule,
-        settings: Settings::default(),
-        seed: 1,
-        degree,
-        most: n,
-        tail: 0,
-        cameras: None,
-        exposure: None,
-        poses: false,
-        dropout: false,
-        depth_loss: false,
-        weights: Weights::default(),
-        averaged: 0..0,
-        method: method.clone(),
-        pairs,
-    };
+    let options = Options { schedule, degree, most: n, method: method.clone(), pairs, ..Options::default() };
     let first = if grows { n / 4 } else { n };
     let mut trainer = Trainer::new(device, &model(first, 0), views, 1.0, options).unwrap();
     trainer.run_until(60, |_, _| ControlFlow::Continue(())).unwrap();
@@ -116,21 +94,15 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Ma
     trainer.download().unwrap();
     let demand = TrainerNeeds {
         gaussians: n,
-        tail: 0,
         pairs,
         size,
         photos,
         depths: 0,
         degree,
-        exposure: false,
-        poses: false,
-        masked: false,
         method,
-        style: Style::default(),
         halves: true,
         grows,
-        pruning: 0,
-        evaluation: 0,
+        ..TrainerNeeds::default()
     };
     let (peak, expected) = (device.memory_used().1, Trainer::bytes(device, &demand));
     println!("{first} -> {} of {n}, degree {degree}: peak {peak}, expected {expected}", trainer.len());

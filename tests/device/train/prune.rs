@@ -62,7 +62,7 @@ fn counts_are_exact() {
     train(&mut trained, 60);
     let responses = trained.responses(Wanted { residual: true, ..Wanted::BOTH }).unwrap();
     let model = trained.download().unwrap();
-    let selectors: Vec<Selector> = Selector::NAMES.iter().map(|(s, _)| *s).filter(|s| *s != Selector::Pairs).collect();
+    let selectors: Vec<Selector> = Selector::ALL.into_iter().filter(|s| *s != Selector::Pairs).collect();
     let resident = trained.model();
     let observed = Observed { resident, model: &model, responses: &responses };
     let study = |seed| Study::new(&device, observed, &Basis::default(), &selectors, seed).unwrap();

@@ -11,7 +11,6 @@ use qirf_vk::synth::{self, SynthOptions};
 use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::device_photos::DevicePhotos;
 use qirf_vk::train::initialise::{Seed, from_points, random};
-use qirf_vk::train::loss::Weights;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Error, Options, Progress, Trainer};
 use std::ops::ControlFlow;
@@ -62,23 +61,7 @@ pub(crate) fn options() -> Options {
         degree_every: 0.3,
         ..Schedule::default()
     };
-    Options {
-        schedule,
-        settings: Settings::default(),
-        seed: 5,
-        degree: 2,
-        most: 500,
-        tail: 0,
-        cameras: None,
-        exposure: None,
-        poses: false,
-        dropout: false,
-        depth_loss: false,
-        weights: Weights::default(),
-        averaged: 0..0,
-        method: None,
-        pairs: 1 << 16,
-    }
+    Options { schedule, seed: 5, degree: 2, most: 500, pairs: 1 << 16, ..Options::default() }
 }
 
 /// A run on the capture.

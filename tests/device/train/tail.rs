@@ -132,7 +132,7 @@ fn prunes_choose_beside_the_tail() {
         let trained = trainer.trained();
         let compression = PruneRule { merge, ..PruneRule::default() };
         let request = PruneRequest { compression: &compression, keep: Keep::Count(trained / 3), seed: 1 };
-        let record = prune(&device, &mut trainer, ResponseSource::FullPass, &request).unwrap();
+        let record = prune(&device, &mut trainer, ResponseSource::FullPass, &request, |_, _| Ok(())).unwrap();
         assert_eq!((record.before, record.after, trainer.trained()), (trained, trained / 3, trained / 3));
         let model = trainer.download().unwrap();
         assert_eq!(model.len(), trained / 3 + TAIL);

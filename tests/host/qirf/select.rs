@@ -191,7 +191,7 @@ fn selectors_of_single_gaussians() {
     assert_eq!(order(Selector::Change).unwrap(), [0, 1, 2], "whatever the photos show");
     assert_eq!(order(Selector::Random), order(Selector::Random));
     assert_ne!(Selector::Random.score(&statistics, 7), Selector::Random.score(&statistics, 8));
-    for (selector, name) in Selector::NAMES {
+    for (selector, name) in Selector::ALL.map(|selector| (selector, selector.name())) {
         assert_eq!(name.parse::<Selector>().unwrap(), selector);
         assert_eq!(selector.to_string(), name);
         let of_more = selector.of_blocks().is_some() || selector == Selector::Pairs;

@@ -4,9 +4,9 @@ use std::fs;
 use std::path::Path;
 
 use proptest::prelude::*;
-use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
 
-use crate::support::files::writers::{Model, picture, row, transforms, write};
+use crate::support::files::corpus;
+use crate::support::files::writers::{Model, picture, row, transforms, write, written};
 
 /// Cuts a file and flips bits of what is left.
 fn damage(path: &Path, keep: f64, flips: &[(f64, u8)]) {
@@ -19,27 +19,6 @@ fn damage(path: &Path, keep: f64, flips: &[(f64, u8)]) {
         }
     }
     fs::write(path, bytes).unwrap();
-}
-
-/// A scene that opens must be consistent: finite cameras, tracks within the views.
-fn open(root: &Path) {
-    match Scene::open(root, &OpenOptions::default()) {
-        Ok(mut scene) => {
-            for view in &scene.views {
-                assert!(view.camera.centre().is_finite() && view.camera.focal.is_finite());
-                assert!(view.camera.principal.is_finite() && view.camera.rotation.is_finite());
-            }
-            let n = scene.views.len() as u32;
-            assert!(scene.points.iter().all(|p| p.position.is_finite() && p.track.iter().all(|&v| v < n)));
-            let split = scene.split(8);
-            assert!(scene.extent(&split.train).is_finite());
-            if scene.require_photos().is_ok() {
-                let options = LoadOptions { resize: Resize::Width(9), ..LoadOptions::default() };
-                let _ = scene.load_photos(&options, &|_| {});
-            }
-        }
-        Err(error) => assert!(error.to_string().len() > 10),
-    }
 }
 
 const PLY: &str = "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
@@ -55,31 +34,28 @@ proptest! {
 
     #[test]
     fn colmap_binary((keep, flips) in cuts(), file in 0..3_usize) {
-        let folder = tempfile::tempdir().unwrap();
         let files = Model::sample().binary();
         let name = files[file].0;
-        write(folder.path(), files);
+        let folder = written(files);
         damage(&folder.path().join(name), keep, &flips);
-        open(folder.path());
+        corpus::scene(folder.path());
     }
 
     #[test]
     fn colmap_text((keep, flips) in cuts(), file in 0..3_usize) {
-        let folder = tempfile::tempdir().unwrap();
         let files = Model::sample().text();
         let name = files[file].0;
-        write(folder.path(), files);
+        let folder = written(files);
         damage(&folder.path().join(name), keep, &flips);
-        open(folder.path());
+        corpus::scene(folder.path());
     }
 
     #[test]
     fn transforms_json((keep, flips) in cuts()) {
-        let folder = tempfile::tempdir().unwrap();
         let top = r#""fl_x": 50.5, "k1": 0.01, "w": 64, "h": 48, "camera_model": "OPENCV", "test_filenames": ["a.png"]"#;
-        write(folder.path(), [("transforms.json", transforms(top, &["a.png", "b.png", "c.png"]))]);
+        let folder = written([("transforms.json", transforms(top, &["a.png", "b.png", "c.png"]))]);
         damage(&folder.path().join("transforms.json"), keep, &flips);
-        open(folder.path());
+        corpus::scene(folder.path());
     }
 
     #[test]
@@ -93,17 +69,16 @@ proptest! {
         };
         write(folder.path(), [("transforms.json", transforms(top, &["a.png"])), ("points.ply", ply.into_bytes())]);
         damage(&folder.path().join("points.ply"), keep, &flips);
-        open(folder.path());
+        corpus::scene(folder.path());
     }
 
     #[test]
     fn photos((keep, flips) in cuts(), kind in 0..3_usize) {
-        let folder = tempfile::tempdir().unwrap();
         let name = ["a.jpg", "a.png", "a.webp"][kind];
-        write(folder.path(), row(&[name]).binary());
+        let folder = written(row(&[name]).binary());
         let path = folder.path().join("images").join(name);
         picture(&path, 64, 48);
         damage(&path, keep, &flips);
-        open(folder.path());
+        corpus::scene(folder.path());
     }
 }

@@ -4,16 +4,16 @@
 use std::fs;
 use std::path::Path;
 
-use crate::support::files::writers::{Model, picture, row, transforms, write};
+use crate::support::files::writers::{Model, picture, row, transforms, write, written};
 use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, PhotoTree, Resize, Scene, Split, masks_of};
 
 const NAMES: [&str; 4] = ["a.png", "b.png", "c.png", "d.png"];
 
-fn open(root: &Path) -> Scene {
+pub fn open(root: &Path) -> Scene {
     Scene::open(root, &OpenOptions::default()).unwrap()
 }
 
-fn notes(scene: &Scene) -> String {
+pub fn notes(scene: &Scene) -> String {
     scene.skipped.summary().join("\n")
 }
 
@@ -67,11 +67,10 @@ fn names_of_other_systems_find_their_files() {
 #[test]
 fn an_absent_second_line_is_noticed_whatever_the_names_look_like() {
     for name in ["shot 1 (2).png", "a b c.png", "one.png", "1 2 3.png"] {
-        let scene = tempfile::tempdir().unwrap();
         let mut files = row(&["x.png"]).text();
         let line = |i: usize| format!("{i} 1 0 0 0 {i} 0 0 1 {i}{name}\n");
         files[1].1 = (1..=4).map(line).collect::<String>().into_bytes();
-        write(scene.path(), files);
+        let scene = written(files);
         let error = Scene::open(scene.path(), &OpenOptions::default()).unwrap_err().to_string();
         assert!(error.contains("two lines") && error.contains("line 2"), "{error}");
     }
@@ -132,13 +131,11 @@ fn clouds_beside_cameras_are_read() {
     let scene = capture(&NAMES, &NAMES);
     write(scene.path(), [("points3D.ply", CLOUD.as_bytes().to_vec())]);
     assert_eq!(open(scene.path()).points.len(), 1);
-    let blender = tempfile::tempdir().unwrap();
     let top = r#""camera_angle_x": 1.0, "w": 64, "h": 48"#;
-    write(blender.path(), [("transforms_train.json", transforms(top, &["a"])), ("points3d.ply", CLOUD.into())]);
+    let blender = written([("transforms_train.json", transforms(top, &["a"])), ("points3d.ply", CLOUD.into())]);
     assert_eq!(open(blender.path()).points.len(), 3);
-    let scene = tempfile::tempdir().unwrap();
     let top = r#""fl_x": 50, "w": 64, "h": 48, "ply_file_path": "sparse_pc.ply""#;
-    write(scene.path(), [("transforms.json", transforms(top, &["a.png"]))]);
+    let scene = written([("transforms.json", transforms(top, &["a.png"]))]);
     assert!(notes(&open(scene.path())).contains("sparse_pc.ply, named by ply_file_path, does not exist"));
 }
 
@@ -264,21 +261,18 @@ fn half_a_jpeg_with_an_end_is_left_out() {
 #[test]
 fn a_byte_order_mark_is_no_text() {
     let marked = |bytes: &[u8]| [b"\xef\xbb\xbf", bytes].concat();
-    let scene = tempfile::tempdir().unwrap();
-    write(scene.path(), row(&NAMES).text().map(|(name, bytes)| (name, marked(&bytes))));
+    let scene = written(row(&NAMES).text().map(|(name, bytes)| (name, marked(&bytes))));
     assert_eq!((open(scene.path()).views.len(), open(scene.path()).points.len()), (4, 1));
-    let scene = tempfile::tempdir().unwrap();
     let json = transforms(r#""fl_x": 50, "w": 64, "h": 48"#, &NAMES);
-    write(scene.path(), [("transforms.json", marked(&json))]);
+    let scene = written([("transforms.json", marked(&json))]);
     assert_eq!(open(scene.path()).views.len(), 4);
 }
 
 #[test]
 fn copied_splits_and_train_alone_leave_the_choice_to_eval_every() {
     let top = r#""camera_angle_x": 1.0, "w": 64, "h": 48"#;
-    let scene = tempfile::tempdir().unwrap();
     let json = transforms(top, &NAMES);
-    write(scene.path(), [("transforms_train.json", json.clone())]);
+    let scene = written([("transforms_train.json", json.clone())]);
     let every_second = Split { train: vec![1, 3], test: vec![0, 2] };
     assert_eq!(open(scene.path()).split(2), every_second);
     assert_eq!(open(scene.path()).split(1).test.len(), 4);
@@ -289,9 +283,8 @@ fn copied_splits_and_train_alone_leave_the_choice_to_eval_every() {
     // Some views are in both files: those that are for test alone are held out.
     write(scene.path(), [("transforms_test.json", transforms(top, &["a.png", "e.png"]))]);
     assert_eq!(open(scene.path()).split(2), Split { train: vec![0, 1, 2, 3], test: vec![4] });
-    let scene = tempfile::tempdir().unwrap();
     let top = r#""fl_x": 50, "w": 64, "h": 48, "train_filenames": ["a.png", "b.png", "c.png", "d.png"]"#;
-    write(scene.path(), [("transforms.json", transforms(top, &NAMES))]);
+    let scene = written([("transforms.json", transforms(top, &NAMES))]);
     assert_eq!(open(scene.path()).split(2), every_second);
 }
 
@@ -304,10 +297,9 @@ fn one_photo_is_trained_on_unless_all_are_held_out() {
 
 #[test]
 fn mirrored_poses_are_named() {
-    let scene = tempfile::tempdir().unwrap();
     let json = String::from_utf8(transforms(r#""fl_x": 50, "w": 64, "h": 48"#, &NAMES)).unwrap();
-    let mirrored = json.replacen("[[1,0,0,0]", "[[-1,0,0,0]", 1).replacen("[0,1,0,0]", "[0,1,0,1e99]", 0);
-    write(scene.path(), [("transforms.json", mirrored.into_bytes())]);
+    let mirrored = json.replacen("[[1,0,0,0]", "[[-1,0,0,0]", 1);
+    let scene = written([("transforms.json", mirrored.into_bytes())]);
     let opened = open(scene.path());
     assert_eq!((opened.views.len(), opened.skipped.mirrored_poses.count), (3, 1));
     assert!(notes(&opened).contains("1 pose mirrored, as of left-handed axes"));
@@ -326,11 +318,10 @@ fn absent_files_that_a_capture_names_are_counted() {
 
 #[test]
 fn repeated_points_are_merged_and_counted() {
-    let scene = tempfile::tempdir().unwrap();
     let mut model = Model::sample();
     let once = model.points.clone();
     model.points = [once.clone(), once.clone(), once].concat();
-    write(scene.path(), model.binary());
+    let scene = written(model.binary());
     let opened = open(scene.path());
     assert_eq!((opened.points.len(), opened.skipped.repeated_points), (40, 80));
 }
@@ -357,69 +348,5 @@ fn photos_of_cameras_and_renderers_are_read_or_named() {
         let opened = open(scene.path());
         let error = opened.views[0].load_photo(Resize::Full).unwrap_err().to_string();
         assert!(error.contains(&format!("is {format}")) && error.contains("magick mogrify"), "{error}");
-    }
-}
-
-/// A capture of ten views in another unit of length and at another place.
-fn moved(unit: f64, by: [f64; 3]) -> tempfile::TempDir {
-    let mut model = Model::sample();
-    let by = glam::DVec3::from(by);
-    for image in &mut model.images {
-        let [w, x, y, z] = image.1;
-        let rotation = glam::DQuat::from_xyzw(x, y, z, w).normalize();
-        let translation = glam::DVec3::from(image.2) * unit - rotation * by;
-        image.2 = translation.to_array();
-    }
-    for point in &mut model.points {
-        point.0 = (glam::DVec3::from(point.0) * unit + by).to_array();
-    }
-    let scene = tempfile::tempdir().unwrap();
-    write(scene.path(), model.text());
-    scene
-}
-
-#[test]
-fn the_near_plane_follows_the_unit_of_length_and_nothing_else_does() {
-    let plain = open(moved(1.0, [0.0; 3]).path());
-    // Scenes of usual size keep 3DGS's plane, others have one in proportion.
-    assert_eq!((plain.near, open(moved(3.0, [0.0; 3]).path()).near), (0.2, 0.2));
-    let shares = [1e-4, 1e-2, 0.3, 10.0, 1e4].map(|unit| f64::from(open(moved(unit, [0.0; 3]).path()).near) / unit);
-    assert!(shares.iter().all(|share| (share / shares[0] - 1.0).abs() < 1e-6), "{shares:?}");
-    assert!((0.05..0.2).contains(&shares[0]), "{shares:?}");
-    // For training, such scenes are counted in powers of ten, and are the same numbers then.
-    let mut others = [1e-4, 1e-2, 100.0].map(|unit| open(moved(unit, [0.0; 3]).path()));
-    let units = others.each_mut().map(Scene::use_usual_unit);
-    assert_eq!(units, [1e-4, 1e-2, 100.0]);
-    for (scene, unit) in others.iter().zip(units) {
-        assert_eq!(scene.unit, unit);
-        for (a, b) in scene.views.iter().zip(&plain.views) {
-            assert!((a.camera.centre() - b.camera.centre()).length() < 1e-12);
-        }
-        assert!(scene.points.iter().zip(&plain.points).all(|(a, b)| (a.position - b.position).length() < 1e-12));
-    }
-    let mut same = plain.clone();
-    assert_eq!((same.use_usual_unit(), same.near), (1.0, plain.near));
-    // It stays when views go, so that parts of a job draw alike.
-    let mut few = plain.clone();
-    few.retain_views(&[true, true]);
-    assert_eq!(few.near, plain.near);
-}
-
-#[test]
-fn far_worlds_are_read_about_an_origin_of_their_own() {
-    let plain = open(moved(1.0, [0.0; 3]).path());
-    assert_eq!(plain.origin, glam::DVec3::ZERO);
-    for by in [[500_123.4, 4_649_776.2, 312.7], [0.0, -1e7, 0.0], [4.2e6, 1.7e5, 4.78e6]] {
-        let far = open(moved(1.0, by).path());
-        let left = glam::DVec3::from(by) - far.origin;
-        assert!(left.length() < 10.0 && far.origin != glam::DVec3::ZERO, "{} {left}", far.origin);
-        assert!(notes(&far).contains("far from its world's origin"));
-        for (a, b) in far.views.iter().zip(&plain.views) {
-            assert!((a.camera.centre() - b.camera.centre() - left).length() < 1e-6);
-        }
-        for (a, b) in far.points.iter().zip(&plain.points) {
-            assert!((a.position - b.position - left).length() < 1e-6);
-        }
-        assert!((far.near - plain.near).abs() < 1e-6);
     }
 }

@@ -11,7 +11,7 @@ fn lens(model: LensModel) -> Lens {
 
 #[test]
 fn undistort_is_the_inverse_of_distort() {
-    for model in LensModel::all() {
+    for model in LensModel::ALL {
         let lens = lens(model);
         let mut worst = 0.0_f64;
         for j in 0..=60 {
@@ -47,7 +47,7 @@ fn opencv_values_agree_with_the_formula_by_hand() {
 
 #[test]
 fn ideal_pinholes_show_nothing_beyond_the_photo() {
-    for model in LensModel::all() {
+    for model in LensModel::ALL {
         let lens = lens(model);
         let ideal = lens.ideal().unwrap();
         for y in 0..480 {
@@ -72,7 +72,7 @@ fn ideal_pinholes_show_nothing_beyond_the_photo() {
 #[test]
 fn extreme_lenses_give_an_ideal_or_none() {
     for (width, height) in [(1, 1), (17, 3), (3, 1000), (4096, 16)] {
-        for model in LensModel::all() {
+        for model in LensModel::ALL {
             for scale in [1e-3, 0.1, 1.0, 30.0] {
                 let mut p = parameters(model);
                 let lengths = if model.parameters() < 6 && model != LensModel::Pinhole { 3 } else { 4 };

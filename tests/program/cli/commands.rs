@@ -1,10 +1,11 @@
 //! `convert`, `inspect`, `synth`, `device`, `selftest`, help and completions.
 
 use super::{Sandbox, model};
+use crate::program::ended::{Ended, qirf};
 use crate::support::documented;
 use qirf_vk::gaussians::formats;
 use std::fs;
-use std::process::Command;
+use std::process::Stdio;
 
 #[test]
 fn models_are_converted_and_never_over_themselves() {
@@ -107,14 +108,8 @@ fn help_and_completions_are_there() {
 
 #[test]
 fn a_reader_that_goes_away_is_no_error() {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
-        .args(["completions", "zsh"])
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut command = qirf(["completions", "zsh"]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     drop(child.stdout.take());
-    let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(0));
-    assert!(output.stderr.is_empty());
+    assert!(Ended::of(&child.wait_with_output().unwrap()).with(0, &[]).said.is_empty());
 }

@@ -1,20 +1,19 @@
 //! `inspect` names photos whose poses do not fit, and draws the capture.
 
 use super::Sandbox;
-use qirf_vk::synth::{SynthOptions, write};
+use crate::program::ended::capture;
 use std::fs;
 
 #[test]
 fn a_photo_that_fits_no_points_is_named_and_marked() {
     let sandbox = Sandbox::new();
-    let options = SynthOptions { views: 9, width: 48, height: 36, points: 300, ..SynthOptions::default() };
-    write(&sandbox.path("capture"), &options, &|_| ()).expect("a synthetic scene");
-    let sound = sandbox.works(&["inspect", "capture", "--json"]).json();
+    capture(&sandbox.path("capture"), 300);
+    let sound = sandbox.works(&["inspect", "capture/scene", "--json"]).json();
     assert!(sound["misfits"].as_array().unwrap().is_empty() && sound["advice"].as_array().unwrap().is_empty());
     assert!(sound["misfit_px"].as_f64().unwrap() < 0.01, "{}", sound["misfit_px"]);
 
     // The fourth photo's camera a unit to the side.
-    let images = sandbox.path("capture/sparse/0/images.txt");
+    let images = sandbox.path("capture/scene/sparse/0/images.txt");
     let moved: Vec<String> = fs::read_to_string(&images)
         .unwrap()
         .lines()
@@ -27,7 +26,7 @@ fn a_photo_that_fits_no_points_is_named_and_marked() {
         })
         .collect();
     fs::write(&images, moved.join("\n") + "\n").unwrap();
-    let told = sandbox.works(&["inspect", "capture", "--json", "--html", "capture.html"]).json();
+    let told = sandbox.works(&["inspect", "capture/scene", "--json", "--html", "capture.html"]).json();
     let names = serde_json::to_string(&told["misfits"]).unwrap();
     assert!(names.contains("view_0003.png") && told["misfits"].as_array().unwrap().len() == 1, "{names}");
     let advice = told["advice"][0].as_str().unwrap();

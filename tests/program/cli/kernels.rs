@@ -1,16 +1,13 @@
 //! `qirf-vk device --kernels`: kernels as a driver compiles them, without running any.
 
+use crate::program::ended::{qirf, works};
 use crate::support::{skip, source};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 fn kernels(environment: &[(&str, &Path)]) -> Vec<Value> {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    let output = command.args(["device", "--kernels", "--json"]).envs(environment.iter().copied()).output();
-    let output = output.expect("the program starts");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let mut printed: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    let mut printed = works(qirf(["device", "--kernels", "--json"]).envs(environment.iter().copied())).json();
     let kernels: Vec<Value> = serde_json::from_value(printed["kernels"].take()).expect("a list");
     let named = |name: &str| kernels.iter().any(|k| k["kernel"].as_str().is_some_and(|k| k.starts_with(name)));
     for name in ["render/rasterise_backward", "train/adam", "response/score", "qirf/overlap", "qirf/participation"] {

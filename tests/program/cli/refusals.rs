@@ -2,9 +2,10 @@
 //! messages.
 
 use super::{Sandbox, model};
+#[cfg(target_os = "linux")]
+use crate::program::ended::{end, qirf};
 use qirf_vk::gaussians::formats;
 use std::fs;
-use std::process::Command;
 
 #[test]
 fn a_wrong_command_line_is_usage() {
@@ -77,7 +78,7 @@ fn bad_models_are_refused_by_name_or_salvaged() {
     hurt.opacity_logits[5] = f32::INFINITY;
     formats::write(&sandbox.path("hurt.ply"), &hurt, formats::RenderMode::Plain).unwrap();
     let ran = sandbox.works(&["render", "hurt.ply", "--orbit", "1", "-o", "hurt", "--size", "16x16"]);
-    assert!(ran.err.contains("warning:") && ran.err.contains("1 Gaussian removed"), "{}", ran.err);
+    assert!(ran.said.contains("warning:") && ran.said.contains("1 Gaussian removed"), "{}", ran.said);
     let told = sandbox.works(&["inspect", "hurt.ply", "--json"]).json();
     assert_eq!((&told["gaussians"], &told["repairs"]["clamped_opacities"]), (&19.into(), &1.into()));
 }
@@ -100,7 +101,7 @@ fn bad_scenes_are_refused_with_file_and_record() {
     render("nowhere", &["images.txt"]);
     sandbox.scene("huge", "1 PINHOLE 4000000000 4000000000 35 35 20 15", &["a.jpg"]);
     let ran = sandbox.run(&["render", "model.ply", "--scene", "huge", "-o", "out"]);
-    assert!(ran.code == 3 || ran.code == 5, "{}", ran.err);
+    assert!(matches!(ran.code, Some(3 | 5)), "{}", ran.said);
 
     let cut = sandbox.path("cut/sparse/0");
     fs::create_dir_all(&cut).unwrap();
@@ -122,7 +123,7 @@ fn bad_scenes_are_refused_with_file_and_record() {
     let text = fs::read_to_string(&images).unwrap() + "7 1 0 0 0 nan 0 4 1 b.jpg\n\n";
     fs::write(&images, text).unwrap();
     let ran = sandbox.works(&["render", "model.ply", "--scene", "pose", "-o", "posed"]);
-    assert!(ran.err.contains("b.jpg"), "{}", ran.err);
+    assert!(ran.said.contains("b.jpg"), "{}", ran.said);
     assert!(sandbox.path("posed/a.png").is_file() && !sandbox.path("posed/b.png").exists());
 }
 
@@ -141,9 +142,6 @@ fn what_cannot_be_held_or_written_is_resources() {
     #[cfg(target_os = "linux")]
     {
         let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
-        let ran =
-            Command::new(env!("CARGO_BIN_EXE_qirf-vk")).args(["completions", "bash"]).stdout(full).output().unwrap();
-        assert_eq!(ran.status.code(), Some(5));
-        assert!(String::from_utf8_lossy(&ran.stderr).contains("standard output"));
+        end(qirf(["completions", "bash"]).stdout(full)).with(5, &["standard output"]);
     }
 }

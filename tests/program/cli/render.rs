@@ -1,6 +1,7 @@
 //! `render`: pictures of scenes and orbits, their formats, and an interrupt.
 
 use super::{Sandbox, model};
+use crate::program::ended::Ended;
 use qirf_vk::gaussians::formats;
 use std::fs;
 use std::path::Path;
@@ -14,7 +15,7 @@ fn size(path: &Path) -> (u32, u32) {
 fn pictures_of_a_scene_are_named_after_its_images() {
     let sandbox = Sandbox::new();
     let ran = sandbox.works(&["render", "model.ply", "--scene", "scene", "-o", "out"]);
-    assert!(ran.out.is_empty() && ran.err.contains("2 pictures"), "{}", ran.err);
+    assert!(ran.out.is_empty() && ran.said.contains("2 pictures"), "{}", ran.said);
     let first = fs::read(sandbox.path("out/one.png")).unwrap();
     assert_eq!((size(&sandbox.path("out/one.png")), size(&sandbox.path("out/b/two.png"))), ((40, 30), (40, 30)));
     let picture = image::open(sandbox.path("out/one.png")).unwrap().into_rgb8();
@@ -24,7 +25,7 @@ fn pictures_of_a_scene_are_named_after_its_images() {
     sandbox.works(&["render", "model.ply", "--scene", "scene", "-o", "out"]);
     assert_eq!(fs::read(sandbox.path("out/one.png")).unwrap(), first);
     let ran = sandbox.works(&["-q", "render", "model.ply", "--scene", "scene", "-o", "half", "--resolution", "/2"]);
-    assert!(ran.err.is_empty() && ran.out.is_empty());
+    assert!(ran.said.is_empty() && ran.out.is_empty());
     assert_eq!(size(&sandbox.path("half/b/two.png")), (20, 15));
     sandbox.works(&["render", "model.ply", "--scene", "scene/sparse/0", "-o", "w", "--resolution", "10"]);
     assert_eq!(size(&sandbox.path("w/one.png")), (10, 8));
@@ -115,21 +116,15 @@ fn orbits_of_any_model_show_it() {
 fn ctrl_c_ends_with_130_and_whole_pictures() {
     use std::process::Stdio;
     let sandbox = Sandbox::new();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_qirf-vk"))
-        .args(["render", "model.ply", "--orbit", "100000", "-o", "out", "--size", "64x48"])
-        .current_dir(sandbox.folder.path())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut command = sandbox.command(&["render", "model.ply", "--orbit", "100000", "-o", "out", "--size", "64x48"]);
+    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
     let begun = std::time::Instant::now();
     while !sandbox.path("out/orbit_000003.png").exists() {
         assert!(begun.elapsed().as_secs() < 60 && child.try_wait().unwrap().is_none(), "no picture came");
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    let output = child.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(130));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("interrupted"));
+    Ended::of(&child.wait_with_output().unwrap()).with(130, &["interrupted"]);
     for entry in fs::read_dir(sandbox.path("out")).unwrap() {
         let path = entry.unwrap().path();
         assert!(path.extension().is_some_and(|e| e == "png") && image::open(&path).is_ok(), "{}", path.display());

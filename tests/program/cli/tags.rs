@@ -1,6 +1,7 @@
 //! Anti-aliased models are drawn as their files say, unless an option says otherwise.
 
-use super::{Ran, Sandbox, model};
+use super::{Sandbox, model};
+use crate::program::ended::Ended;
 use crate::support::golden::Case;
 use crate::support::source;
 use qirf_vk::gaussians::formats::{self, RenderMode};
@@ -20,7 +21,7 @@ fn sandbox() -> Sandbox {
 
 impl Sandbox {
     /// The picture of a model from the scene's first camera.
-    fn picture(&self, model: &str, options: &[&str]) -> (Vec<u8>, Ran) {
+    fn picture(&self, model: &str, options: &[&str]) -> (Vec<u8>, Ended) {
         let ran = self.works(&[&["render", model, "--scene", "scene", "-o", "out"], options].concat());
         (fs::read(self.path("out/one.png")).unwrap(), ran)
     }
@@ -30,19 +31,19 @@ impl Sandbox {
 fn files_say_how_they_are_drawn_and_options_override_them() {
     let sandbox = sandbox();
     let (plain, ran) = sandbox.picture("plain.ply", &[]);
-    assert!(!ran.err.contains("drawn"), "{}", ran.err);
+    assert!(!ran.said.contains("drawn"), "{}", ran.said);
     let (smooth, ran) = sandbox.picture("smooth.ply", &[]);
-    assert!(smooth != plain && !ran.err.contains("drawn"), "{}", ran.err);
+    assert!(smooth != plain && !ran.said.contains("drawn"), "{}", ran.said);
 
     for option in ["--antialias", "--antialias=on"] {
         let (forced, ran) = sandbox.picture("plain.ply", &[option]);
         assert!(
-            forced == smooth && ran.err.contains("drawn anti-aliased, as --antialias says; by its file it is plain")
+            forced == smooth && ran.said.contains("drawn anti-aliased, as --antialias says; by its file it is plain")
         );
-        assert!(!sandbox.picture("smooth.ply", &[option]).1.err.contains("drawn"), "nothing is overridden");
+        assert!(!sandbox.picture("smooth.ply", &[option]).1.said.contains("drawn"), "nothing is overridden");
     }
     let (forced, ran) = sandbox.picture("smooth.ply", &["--antialias=off"]);
-    assert!(forced == plain && ran.err.contains("smooth.ply: drawn plain"), "{}", ran.err);
+    assert!(forced == plain && ran.said.contains("smooth.ply: drawn plain"), "{}", ran.said);
 
     // The widths: each style's own, and the other one.
     assert!(sandbox.picture("smooth.ply", &["--dilation", "0.1"]).0 == smooth);
@@ -63,7 +64,7 @@ fn convert_and_compress_keep_the_tag_and_inspect_names_it() {
     };
     for (from, to) in [("smooth.ply", "a.spz"), ("a.spz", "b.sog"), ("b.sog", "c.ply")] {
         let ran = sandbox.works(&["convert", from, to]);
-        assert!(ran.err.contains("20 anti-aliased Gaussians"), "{}", ran.err);
+        assert!(ran.said.contains("20 anti-aliased Gaussians"), "{}", ran.said);
         assert_eq!(mode(to), "anti-aliased", "{to}");
         sandbox.works(&["convert", "plain.ply", to]);
         assert_eq!(mode(to), "plain", "{to}");
@@ -113,9 +114,9 @@ fn damaged_tags_are_warnings() {
     fs::write(sandbox.path("hurt.ply"), [&ply[..at], b"m\x1b\xff", &ply[at + 3..]].concat()).unwrap();
     let (picture, ran) = sandbox.picture("hurt.ply", &[]);
     assert!(
-        ran.err.contains("warning") && ran.err.contains("hurt.ply: the tag `comment SplatRenderMode: m"),
+        ran.said.contains("warning") && ran.said.contains("hurt.ply: the tag `comment SplatRenderMode: m"),
         "{}",
-        ran.err
+        ran.said
     );
     assert!(picture == sandbox.picture("plain.ply", &[]).0);
 }
@@ -125,7 +126,7 @@ fn models_are_compared_each_in_its_own_mode() {
     let sandbox = sandbox();
     let scores = |model: &str, original: &str, options: &[&str]| {
         let ran = sandbox.works(&[&["eval", model, "--against", original, "--json"], options].concat());
-        (ran.json()["test"]["psnr"].as_f64(), ran.err)
+        (ran.json()["test"]["psnr"].as_f64(), ran.said)
     };
     let (equal, said) = scores("smooth.ply", "smooth.ply", &[]);
     assert!(equal.is_none() && !said.contains("by their files"), "{equal:?} {said}");

@@ -1,27 +1,25 @@
 //! `qirf-vk device --tune` and `--tuning`: which shapes of kernels later runs have.
 
+use crate::program::ended::{Ended, end, qirf};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
 
-fn device(cache: &Path, arguments: &[&str], variable: Option<&str>) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    command.arg("device").args(arguments).env("XDG_CACHE_HOME", cache).env_remove("QIRF_TUNING");
-    command.envs(variable.map(|tuning| ("QIRF_TUNING", tuning)));
-    command.output().expect("the program starts")
+fn device(cache: &Path, arguments: &[&str], variable: Option<&str>) -> Ended {
+    let mut command = qirf(["device"]);
+    command.args(arguments).env("XDG_CACHE_HOME", cache).env_remove("QIRF_TUNING");
+    end(command.envs(variable.map(|tuning| ("QIRF_TUNING", tuning))))
 }
 
-fn document(output: &Output) -> Value {
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).expect("one JSON document")
+fn document(ended: Ended) -> Value {
+    ended.with(0, &[]).json()
 }
 
 #[test]
 fn a_stored_tuning_is_used_unless_another_is_asked_for() {
     let cache = tempfile::tempdir().unwrap();
     // In a second, there is time for the class's row, and on a fast machine for some others.
-    let tuned = document(&device(cache.path(), &["--tune", "1", "--json"], None));
+    let tuned = document(device(cache.path(), &["--tune", "1", "--json"], None));
     let tried = &tuned["tuned"]["tried"];
     assert!(tried[0]["ms"].as_f64().is_some_and(|ms| ms > 0.0), "{tuned}");
     assert_eq!(tuned["stored"].is_null(), tuned["tuned"]["best"] == 0, "what beats the class's row is stored: {tuned}");
@@ -39,7 +37,7 @@ fn a_stored_tuning_is_used_unless_another_is_asked_for() {
     };
     let used = |arguments: &[&str], variable| {
         let all = [&["--json"], arguments].concat();
-        document(&device(cache.path(), &all, variable))["tuning"]["scan_rows"].as_u64().unwrap()
+        document(device(cache.path(), &all, variable))["tuning"]["scan_rows"].as_u64().unwrap()
     };
     store(driver, &tuning);
     assert_eq!(used(&[], None), rows / 2);
@@ -47,7 +45,7 @@ fn a_stored_tuning_is_used_unless_another_is_asked_for() {
     assert_eq!(used(&["--tuning", "scan_rows=3"], Some("scan_rows=5")), 3, "the option has precedence");
     assert_eq!(used(&[], Some("scan_rows=5")), 5);
     assert_eq!(used(&[], Some("")), rows, "an empty variable asks for the class's row");
-    let text = String::from_utf8(device(cache.path(), &[], None).stdout).unwrap();
+    let text = device(cache.path(), &[], None).out;
     assert!(text.contains("as measured by --tune"), "{text}");
 
     // One of another driver, or that does not fit, is told of and not used.
@@ -56,13 +54,12 @@ fn a_stored_tuning_is_used_unless_another_is_asked_for() {
     for (driver, tuning) in [("an older one", &tuning), (driver, &unfit)] {
         store(driver, tuning);
         assert_eq!(used(&[], None), rows);
-        let told = String::from_utf8(device(cache.path(), &[], None).stderr).unwrap();
+        let told = device(cache.path(), &[], None).said;
         assert!(told.contains("is not used") && told.contains("--tune"), "{told}");
     }
 
-    let wrong = device(cache.path(), &["--tuning", "riva"], None);
-    assert_eq!(wrong.status.code(), Some(2), "{}", String::from_utf8_lossy(&wrong.stderr));
-    let again = document(&device(cache.path(), &["--tune", "1", "--json"], None));
+    device(cache.path(), &["--tuning", "riva"], None).with(2, &[]);
+    let again = document(device(cache.path(), &["--tune", "1", "--json"], None));
     assert_eq!(
         file.exists(),
         again["tuned"]["best"] != 0,

@@ -1,7 +1,7 @@
 //! Words of messages: unknown names, numbers out of range, missing arguments, counts of one, and notes.
 
-use super::{Ran, Sandbox};
-use std::process::Command;
+use super::Sandbox;
+use crate::program::ended::end;
 
 #[test]
 fn unknown_names_are_refused_in_one_form() {
@@ -68,9 +68,9 @@ fn a_model_alone_cannot_be_scored_and_is_told_what_is_missing() {
 #[test]
 fn one_is_singular() {
     let sandbox = Sandbox::new();
-    let told = sandbox.works(&["synth", "one", "--views", "1", "--size", "16x16", "--points", "1"]).err;
+    let told = sandbox.works(&["synth", "one", "--views", "1", "--size", "16x16", "--points", "1"]).said;
     assert!(told.contains("1 photo (1 held out for tests)"), "{told}");
-    let told = sandbox.works(&["render", "model.ply", "--orbit", "1", "-o", "orbit", "--size", "16x16"]).err;
+    let told = sandbox.works(&["render", "model.ply", "--orbit", "1", "-o", "orbit", "--size", "16x16"]).said;
     assert!(told.contains("1 picture in orbit"), "{told}");
 }
 
@@ -78,16 +78,14 @@ fn one_is_singular() {
 fn equal_pictures_are_called_equal_and_missing_weights_are_told_once_after_the_work() {
     let sandbox = Sandbox::new();
     let eval = |arguments: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-        command.arg("eval").args(arguments).current_dir(sandbox.folder.path()).env_remove("QIRF_LPIPS");
-        Ran::new(&command.env("XDG_DATA_HOME", sandbox.path("empty")).output().unwrap(), arguments)
+        let mut command = sandbox.command(arguments);
+        end(command.env_remove("QIRF_LPIPS").env("XDG_DATA_HOME", sandbox.path("empty")))
     };
-    let same = eval(&["model.ply", "--against", "model.ply"]);
-    assert_eq!(same.code, 0, "{}", same.err);
+    let same = eval(&["eval", "model.ply", "--against", "model.ply"]).with(0, &[]);
     let mean = same.out.lines().last().unwrap_or_default();
     assert!(mean.starts_with("mean of 6") && mean.contains(" equal "), "{}", same.out);
-    assert_eq!(same.err.matches("tools/lpips-weights").count(), 1, "{}", same.err);
+    assert_eq!(same.said.matches("tools/lpips-weights").count(), 1, "{}", same.said);
 
-    let refused = eval(&["model.ply", "scene"]);
-    assert!(refused.code != 0 && !refused.err.contains("weights"), "{}", refused.err);
+    let refused = eval(&["eval", "model.ply", "scene"]);
+    assert!(refused.code != Some(0) && !refused.said.contains("weights"), "{}", refused.said);
 }

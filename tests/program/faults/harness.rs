@@ -1,9 +1,10 @@
 //! The real program on a small scene, and ways to disturb it.
 
-use qirf_vk::synth::{SynthOptions, write};
+pub use crate::program::ended::{Ended, content, end, works};
+use crate::program::ended::{capture, qirf};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -19,9 +20,7 @@ pub fn scene() -> &'static Path {
     static MADE: OnceLock<(TempDir, PathBuf)> = OnceLock::new();
     let made = MADE.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        let scene = folder.path().join("scene");
-        let options = SynthOptions { views: 9, width: 48, height: 36, points: 300, ..SynthOptions::default() };
-        write(&scene, &options, &|_| ()).expect("a synthetic scene");
+        let scene = capture(folder.path(), 300);
         (folder, scene)
     });
     &made.1
@@ -29,7 +28,7 @@ pub fn scene() -> &'static Path {
 
 /// The program.
 pub fn program() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    let mut command = qirf([""; 0]);
     command.env("QIRF_VALIDATION", "1");
     command
 }
@@ -49,41 +48,6 @@ pub fn run(out: &Path, more: &[&str]) -> Command {
         command.args(["--checkpoint-every", "7"]);
     }
     command
-}
-
-/// Exit status and output of the program.
-pub struct Ended {
-    pub code: Option<i32>,
-    pub said: String,
-}
-
-impl Ended {
-    pub fn of(output: &Output) -> Self {
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!said.contains("panicked") && !said.contains("validation:"), "{said}");
-        Self { code: output.status.code(), said }
-    }
-
-    /// Asserts that it ended with this code and printed all of `words`.
-    #[track_caller]
-    pub fn with(self, code: i32, words: &[&str]) -> Self {
-        assert_eq!(self.code, Some(code), "{}", self.said);
-        for word in words {
-            assert!(self.said.contains(word), "should say {word:?}: {}", self.said);
-        }
-        self
-    }
-}
-
-/// Runs to the end.
-pub fn end(command: &mut Command) -> Ended {
-    Ended::of(&command.output().expect("the program starts"))
-}
-
-/// Runs the program, which must succeed.
-#[track_caller]
-pub fn works(command: &mut Command) -> Ended {
-    end(command).with(0, &[])
 }
 
 /// The model that an undisturbed run ends with, made once.
@@ -135,20 +99,6 @@ impl UnderWay {
         self.tell(name);
         Ended::of(&self.0.wait_with_output().unwrap())
     }
-}
-
-/// Every file below a folder with its content; none if there is no folder.
-pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
-    let mut found = Vec::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).into_iter().flatten() {
-            let path = entry.unwrap().path();
-            if path.is_dir() { folders.push(path) } else { found.push((path.clone(), fs::read(path).unwrap())) }
-        }
-    }
-    found.sort();
-    found
 }
 
 /// Asserts that every file is of the type that its name says, and whole.

@@ -120,9 +120,9 @@ fn names(photos: std::ops::Range<usize>) -> Vec<String> {
 }
 
 pub fn works(mut command: Command) -> (Ended, String) {
-    let output = command.output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    (Ended::of(&output).with(0, &[]), said)
+    let ended = end(&mut command).with(0, &[]);
+    let said = ended.out.clone();
+    (ended, said)
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use super::session::Viewer;
 use super::{beside, rendered, viewer};
+use crate::program::ended::{qirf, works};
 use crate::support::browser::Browser;
 use serde_json::{Value, json};
 
@@ -192,10 +193,7 @@ fn a_prune_is_shown_with_its_legend() {
     let folder = tempfile::tempdir().unwrap();
     let [out, file] = ["small.ply", "prune.safetensors"].map(|name| folder.path().join(name).display().to_string());
     let small = ["--views", "16", "--size", "64x64", "--diagnostics", &file];
-    let mut compress = std::process::Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
-    assert!(
-        compress.args(["compress", &beside("model.ply"), "-o", &out]).args(small).output().unwrap().status.success()
-    );
+    works(qirf(["compress", &beside("model.ply"), "-o", &out]).args(small));
     let viewer = viewer(&["--diagnostics", &file]);
     let Some(mut page) = Browser::open(&viewer.url) else { return };
     page.until(RESTED);

@@ -2,6 +2,7 @@
 
 use super::session::{Viewer, request};
 use super::{beside, scene};
+use crate::program::ended::{Ended, end, qirf};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Gaussians, formats};
@@ -15,19 +16,16 @@ use qirf_vk::view::protocol::{Figure, Picture};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
 
-fn program(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_qirf-vk")).args(arguments).output().unwrap()
+fn program(arguments: &[&str]) -> Ended {
+    end(&mut qirf(arguments))
 }
 
 /// A compression of the scene's model by few, small views: its figures.
 fn compressed(out: &Path, more: &[&str]) -> Value {
     let (model, out) = (beside("model.ply"), out.display().to_string());
-    let output =
-        program(&[&["compress", &model, "-o", &out, "--views", "16", "--size", "64x64", "--json"], more].concat());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
+    let small = ["compress", &model, "-o", &out, "--views", "16", "--size", "64x64", "--json"];
+    program(&[&small[..], more].concat()).with(0, &[]).json()
 }
 
 fn flagged(facts: &Diagnostics, flag: u8) -> u64 {
@@ -212,10 +210,7 @@ fn files_of_other_models_and_damaged_files_are_refused_by_name() {
     let name = file.display().to_string();
     compressed(&folder.path().join("small.ply"), &["--diagnostics", &name]);
     let refused = |model: &str, file: &str, words: &[&str]| {
-        let output = program(&["view", model, "--diagnostics", file]);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(3), "{said}");
-        assert!(words.iter().all(|word| said.contains(word)) && !said.contains("panicked"), "{words:?}: {said}");
+        let said = program(&["view", model, "--diagnostics", file]).with(3, words).said;
         assert_eq!(said.trim_end().lines().count(), 1, "{said}");
     };
     let (model, other) = (beside("model.ply"), beside("other.ply"));
@@ -247,9 +242,8 @@ fn files_of_other_models_and_damaged_files_are_refused_by_name() {
         (vec!["--diagnostics", "none/facts.safetensors"], "create its folder"),
         (vec!["--diagnostics", &name, "--report", &name], "two files"),
     ] {
-        let output = program(&[&["compress", &model, "-o", &out], &arguments[..]].concat());
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(matches!(output.status.code(), Some(2 | 5)) && said.contains(word), "{said}");
+        let Ended { code, said, .. } = program(&[&["compress", &model, "-o", &out], &arguments[..]].concat());
+        assert!(matches!(code, Some(2 | 5)) && said.contains(word), "{said}");
     }
 }
 
@@ -262,20 +256,17 @@ fn a_run_writes_its_last_prune_and_the_model_before_it() {
     let scene = scene().display().to_string();
     let run = ["run", &scene, "-o", &out_name, "--iterations", "60", "--grow-to", "400", "--schedule", "one-shot"];
     let refused = |more: &[&str], word: &str| {
-        let output = program(&[&run[..], more].concat());
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(2) && said.contains(word) && !out.exists(), "{word}: {said}");
+        program(&[&run[..], more].concat()).with(2, &[word]);
+        assert!(!out.exists(), "{word}");
     };
     for taken in ["model", "checkpoint"] {
         let taken = out.join(taken).with_extension("safetensors").display().to_string();
         refused(&["--diagnostics", &taken], "needed for something else");
     }
     refused(&["--diagnostics", &name, "--no-prune"], "--no-prune");
-    let output = program(&[&run[..], &["--diagnostics", &name]].concat());
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{said}");
+    let ended = program(&[&run[..], &["--diagnostics", &name]].concat());
     let before = out.join("prune.ply");
-    assert!(said.contains(&format!("qirf-vk view {} --diagnostics {name}", before.display())), "{said}");
+    ended.with(0, &[&format!("qirf-vk view {} --diagnostics {name}", before.display())]);
     let model = formats::read(&before).unwrap().gaussians;
     let facts = Diagnostics::read(&file, &model).unwrap();
     let figures: Value = serde_json::from_slice(&fs::read(out.join("metrics.json")).unwrap()).unwrap();
@@ -284,7 +275,6 @@ fn a_run_writes_its_last_prune_and_the_model_before_it() {
     assert_eq!(prune["after"].as_u64(), Some(flagged(&facts, KEPT)));
     // The same model without the file.
     let again = folder.path().join("again");
-    let output = program(&[&["run", &scene, "-o", again.to_str().unwrap()], &run[4..]].concat());
-    assert!(output.status.success());
+    program(&[&["run", &scene, "-o", again.to_str().unwrap()], &run[4..]].concat()).with(0, &[]);
     assert_eq!(fs::read(out.join("model.ply")).unwrap(), fs::read(again.join("model.ply")).unwrap());
 }

@@ -2,9 +2,9 @@
 
 use super::session::{Viewer, pose, request};
 use super::{beside, viewer};
+use crate::program::ended::{end, qirf};
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::process::Command;
 use std::time::{Duration, Instant};
 
 #[test]
@@ -116,10 +116,7 @@ fn what_cannot_be_shown_or_served_is_said() {
         (vec!["view", &model, "--scene", "nowhere"], 3, "nowhere"),
         (vec!["view", &model, "--host", "example.org"], 2, "--host"),
     ] {
-        let ended = Command::new(env!("CARGO_BIN_EXE_qirf-vk")).args(&arguments).output().unwrap();
-        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-        assert_eq!(ended.status.code(), Some(code), "{arguments:?}: {said}");
-        assert!(said.contains(words), "{arguments:?}: {said}");
+        end(&mut qirf(arguments)).with(code, &[words]);
     }
     drop(Viewer::start(&["view", &model]));
 }

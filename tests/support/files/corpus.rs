@@ -53,6 +53,7 @@ pub struct Input {
 /// Every format and variant that matters to the readers.
 pub fn inputs() -> Vec<Input> {
     let mut all = models();
+    all.extend(parts());
     all.extend(colmap());
     all.extend(json());
     all.extend(photos());
@@ -66,7 +67,8 @@ fn lone(file: &str, reader: Reader, bytes: Vec<u8>) -> Input {
     Input { name: file.into(), reader, file: file.into(), bytes, beside: Vec::new() }
 }
 
-fn models() -> Vec<Input> {
+/// Models in one file each.
+pub fn models() -> Vec<Input> {
     let model = make::model(6, 2);
     let mut all = vec![
         ("little.ply", make::ply(&model, Encoding::Little, false)),
@@ -91,7 +93,13 @@ fn models() -> Vec<Input> {
         [(1, "1.spz"), (2, "2.spz"), (3, "3.spz"), (4, "4.spz")].map(|(v, name)| (name, make::spz(6, v, 2, false))),
     );
     all.extend([(0, "0.ksplat"), (1, "1.ksplat"), (2, "2.ksplat")].map(|(l, name)| (name, make::ksplat(6, l, 2))));
-    let mut all: Vec<Input> = all.into_iter().map(|(name, bytes)| lone(name, Reader::Model, bytes)).collect();
+    all.into_iter().map(|(name, bytes)| lone(name, Reader::Model, bytes)).collect()
+}
+
+/// Models of several files, and inside others.
+fn parts() -> Vec<Input> {
+    let model = make::model(6, 2);
+    let mut all = Vec::new();
     all.push(Input { name: "inside gzip.spz".into(), ..lone("gzip.spz", Reader::Gzipped, make::spz(6, 3, 2, false)) });
     let (json, binary) = gltf::gltf(&model, Layout::Planar, Some("m.bin"));
     let parts = [("m.gltf", json), ("m.bin", binary)];
@@ -413,7 +421,7 @@ fn model<E: std::fmt::Display>(bytes: usize, read: Result<Loaded, E>, folder: &P
 }
 
 /// Checks for finite cameras, tracks within the views, and photos with their cameras' sizes.
-fn scene(folder: &Path) -> bool {
+pub fn scene(folder: &Path) -> bool {
     let Some(mut scene) = said(Scene::open(folder, &OpenOptions::default())) else { return false };
     for view in &scene.views {
         assert!(

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;
+use tempfile::TempDir;
 
 use qirf_vk::scene::lens::LensModel;
 
@@ -55,8 +56,11 @@ pub fn parameters(model: LensModel) -> Vec<f64> {
 impl Model {
     /// All camera models, ten views (named so that ids and names are in different orders), forty points.
     pub fn sample() -> Self {
-        let cameras: Vec<_> =
-            LensModel::all().enumerate().map(|(i, m)| (7 + 3 * i as u32, m, 640, 480, parameters(m))).collect();
+        let cameras: Vec<_> = LensModel::ALL
+            .into_iter()
+            .enumerate()
+            .map(|(i, m)| (7 + 3 * i as u32, m, 640, 480, parameters(m)))
+            .collect();
         let images = (0..10_u32)
             .map(|i| {
                 let t = f64::from(i);
@@ -141,6 +145,13 @@ pub fn write<'a>(root: &Path, files: impl IntoIterator<Item = (&'a str, Vec<u8>)
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, bytes).unwrap();
     }
+}
+
+/// A folder of these files alone.
+pub fn written<'a>(files: impl IntoIterator<Item = (&'a str, Vec<u8>)>) -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), files);
+    folder
 }
 
 /// A picture whose red increases to the right, and green downwards.

@@ -1,8 +1,8 @@
 //! An element's rows as a table of fixed stride, for any encoding of the file.
 
+use half::f16;
 use std::borrow::Cow;
 
-use super::super::bytes::half;
 use super::super::fault::{Fault, malformed};
 use super::header::{Element, Encoding, Header, Kind, Property};
 use crate::kernels::constants::sh::float64::SH_C0;
@@ -21,7 +21,7 @@ impl Slot {
     pub(super) fn float(self, row: &[u8]) -> f32 {
         match self.kind {
             Kind::F32 => f32::from_bits(u32::from_le_bytes(self.bytes(row))),
-            Kind::F16 => half(u16::from_le_bytes(self.bytes(row))),
+            Kind::F16 => f16::from_le_bytes(self.bytes(row)).to_f32(),
             Kind::F64 => f64::from_le_bytes(self.bytes(row)) as f32,
             Kind::I8 => f32::from(i8::from_le_bytes(self.bytes(row))),
             Kind::U8 => f32::from(u8::from_le_bytes(self.bytes(row))),
@@ -272,7 +272,7 @@ fn push_value(property: &Property, word: &str, rows: &mut Vec<u8>) -> Result<(),
     match property.kind {
         Kind::F32 => rows.extend(word.parse::<f32>().map_err(|_| bad())?.to_le_bytes()),
         Kind::F16 => {
-            let value = ::half::f16::from_f32(word.parse::<f32>().map_err(|_| bad())?);
+            let value = f16::from_f32(word.parse::<f32>().map_err(|_| bad())?);
             rows.extend(value.to_le_bytes());
         }
         Kind::F64 => rows.extend(word.parse::<f64>().map_err(|_| bad())?.to_le_bytes()),

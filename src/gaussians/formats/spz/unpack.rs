@@ -12,10 +12,11 @@
 use std::io::Read;
 
 use flate2::bufread::GzDecoder;
+use half::f16;
 use rayon::prelude::*;
 
 use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
-use super::super::bytes::{field, from_smallest_three, half, logit_of_byte, u32_at, u64_at};
+use super::super::bytes::{field, from_smallest_three, logit_of_byte, u32_at, u64_at};
 use super::super::fault::{Fault, malformed};
 use super::super::{Format, Gaussians, Parsed, Tag};
 use super::{COLOUR_SCALE, FLAG_ANTIALIASED, HEADER, MAGIC};
@@ -260,7 +261,7 @@ fn decode(header: &Header, streams: &[&[u8]; 6], system: u32, trailing_bytes: u6
     let rest_width = header.widths()[5];
     let mut model = Gaussians {
         means: if header.version == 1 {
-            let float = |b: &[u8]| half(u16::from_le_bytes([b[0], b[1]]));
+            let float = |b: &[u8]| f16::from_le_bytes([b[0], b[1]]).to_f32();
             positions.par_chunks_exact(6).map(|p| [float(p), float(&p[2..]), float(&p[4..])]).collect()
         } else {
             positions.par_chunks_exact(9).map(|p| [fixed(p), fixed(&p[3..]), fixed(&p[6..])]).collect()

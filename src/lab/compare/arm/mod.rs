@@ -147,9 +147,6 @@ impl Arm {
     /// Reads the name of a selector, or of one of the arms that [`help`] lists, with suffixes. A selector alone prunes
     /// without attrition, divides its count per block and does not merge. `given` is the meaning of `default`, and
     /// gives every arm its share, detail and blocks.
-    ///
-    /// # Errors
-    /// A sentence that names the fault.
     pub fn parse(text: &str, given: &Pruning) -> Result<Self, String> {
         let (name, suffixes) = Suffixes::split(text)?;
         let named = NAMED.into_iter().find(|row| row.name == name);
@@ -175,8 +172,11 @@ impl Arm {
             Some(Base::Paper) => Self::pruned(PruneRule::paper()),
             None => {
                 let selector = name.parse::<Selector>().map_err(|_| {
-                    let selectors = Selector::NAMES.into_iter().map(|(_, name)| name);
-                    unknown(name, "an arm", NAMED.into_iter().map(|row| row.name).chain(selectors))
+                    unknown(
+                        name,
+                        "an arm",
+                        NAMED.map(|row| row.name).into_iter().chain(Selector::ALL.map(Selector::name)),
+                    )
                 })?;
                 let given = given.compression.clone();
                 Self::pruned(PruneRule { selector, budget: Budget::PerBlock, merge: false, ..given })

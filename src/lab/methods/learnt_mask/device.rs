@@ -44,9 +44,6 @@ impl LearntMask {
     }
 
     /// Masks with these settings.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device, settings: LearntMasks) -> Result<Self> {
         Ok(Self { settings, shown: device.upload("shown", &[0])? })
     }

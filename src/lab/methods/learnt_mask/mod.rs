@@ -147,9 +147,6 @@ impl LearntMasks {
     }
 
     /// Reads the masks' settings from a configuration.
-    ///
-    /// # Errors
-    /// A sentence that names the wrong number.
     pub fn read(config: &MethodConfig) -> Result<Self, String> {
         let read: Self = config.read()?;
         within("method.survivors", read.survivors, &(1..=MOST_GAUSSIANS))?;

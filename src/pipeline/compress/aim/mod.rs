@@ -39,15 +39,9 @@ pub trait Trials {
     type Error;
 
     /// Bytes of the file with this many Gaussians at this rung.
-    ///
-    /// # Errors
-    /// Those of making it.
     fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, Self::Error>;
 
     /// PSNR of a file's pictures in dB.
-    ///
-    /// # Errors
-    /// Those of making the file or the pictures.
     fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, Self::Error>;
 }
 
@@ -91,9 +85,6 @@ impl<'a, T: Trials> Search<'a, T> {
     }
 
     /// Finds the best file.
-    ///
-    /// # Errors
-    /// Those of the trials.
     pub fn find(&mut self, aim: Aim) -> Result<Found, T::Error> {
         let smallest = self.trials.bytes(0, 1)?;
         self.fixed = smallest as f64;

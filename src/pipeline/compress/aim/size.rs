@@ -60,9 +60,6 @@ impl<T: Trials> Search<'_, T> {
 
     /// The rung and the number of Gaussians of a file of at most `size` bytes: of all Gaussians, as fine as that allows; of fewer, but one at
     /// least, if even the coarsest rung takes more, or if rungs are far apart. `near` is a rung whose file is about as large.
-    ///
-    /// # Errors
-    /// Those of the trials.
     pub fn refine(&mut self, size: u64, near: usize) -> Result<(usize, usize), T::Error> {
         let whole = self.whole;
         self.fixed = self.trials.bytes(0, 1)? as f64;

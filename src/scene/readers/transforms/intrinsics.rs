@@ -53,9 +53,6 @@ pub(super) enum LensFault {
 
 impl Intrinsics {
     /// The intrinsics that a file or a frame gives, under the usual names.
-    ///
-    /// # Errors
-    /// A field of another type.
     pub fn of(json: &Value) -> Result<Self, serde_json::Error> {
         let found = Self::deserialize(json)?;
         Ok(Self {

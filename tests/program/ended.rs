@@ -1,0 +1,80 @@
+//! The program as tests start it, and how it ends.
+
+use qirf_vk::synth::{SynthOptions, write};
+use serde_json::Value;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The program with these arguments.
+pub fn qirf(arguments: impl IntoIterator<Item = impl AsRef<OsStr>>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_qirf-vk"));
+    command.args(arguments);
+    command
+}
+
+/// Exit status and output of the program.
+pub struct Ended {
+    pub code: Option<i32>,
+    pub out: String,
+    pub said: String,
+}
+
+impl Ended {
+    #[track_caller]
+    pub fn of(output: &Output) -> Self {
+        let [out, said] = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+        assert!(!said.contains("panicked") && !said.contains("validation:"), "{said}");
+        assert!(!said.contains('\x1b') && !out.contains('\x1b'), "colour codes outside a terminal: {said}");
+        Self { code: output.status.code(), out, said }
+    }
+
+    /// Asserts that it ended with this code and printed all of `words`.
+    #[track_caller]
+    pub fn with(self, code: i32, words: &[&str]) -> Self {
+        assert_eq!(self.code, Some(code), "{}", self.said);
+        for word in words {
+            assert!(self.said.contains(word), "should say {word:?}: {}", self.said);
+        }
+        self
+    }
+
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.out).expect("one JSON document on standard output")
+    }
+}
+
+/// Runs to the end.
+#[track_caller]
+pub fn end(command: &mut Command) -> Ended {
+    Ended::of(&command.output().expect("the program starts"))
+}
+
+/// Runs the program, which must succeed.
+#[track_caller]
+pub fn works(command: &mut Command) -> Ended {
+    end(command).with(0, &[])
+}
+
+/// A capture in this folder: nine photos of 48 x 36.
+pub fn capture(folder: &Path, points: usize) -> PathBuf {
+    let scene = folder.join("scene");
+    let options = SynthOptions { views: 9, width: 48, height: 36, points, ..SynthOptions::default() };
+    write(&scene, &options, &|_| ()).expect("a synthetic scene");
+    scene
+}
+
+/// Every file below a folder with its content; none if there is no folder.
+pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            if path.is_dir() { folders.push(path) } else { found.push((path.clone(), fs::read(path).unwrap())) }
+        }
+    }
+    found.sort();
+    found
+}

@@ -1,0 +1,120 @@
+//! Files of a wanted size or PSNR, pages, copies, and curves of quality against bytes.
+
+use super::compress::{CLONES, SITES, ball, compressed, count, saved, small};
+use super::ended::{Ended, end, qirf};
+use super::html::parse;
+use qirf_vk::gaussians::formats;
+
+/// Files of 95 to 100 % of the size in at most nine trials, the same ones again; the line says what was chosen.
+#[test]
+fn files_have_the_size_that_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    for (name, size, bytes) in [("a.sog", "4.5kB", 4500), ("a.spz", "3kB", 3000), ("a.ply", "0.03MB", 30_000)] {
+        let path = folder.path().join(name);
+        let made = small(&model, &path, &["--size", size]);
+        let on_disk = std::fs::metadata(&path).unwrap().len();
+        assert!(on_disk <= bytes && 20 * on_disk >= 19 * bytes, "{name}: {on_disk} of {bytes}, {}", made["aim"]);
+        assert_eq!(made["output"]["bytes"].as_u64(), Some(on_disk));
+        assert_eq!(made["aim"]["bytes"].as_u64(), Some(bytes));
+        assert_eq!(made["aim"]["chosen"]["gaussians"], made["output"]["gaussians"]);
+        assert!(made["aim"]["tried"].as_array().is_some_and(|tried| tried.len() <= 9), "{}", made["aim"]);
+        assert!(made["aim"]["chosen"]["psnr"].as_f64().is_some_and(|psnr| psnr > 15.0));
+        assert_eq!(formats::read(&path).unwrap().gaussians.len() as u64, count(&made, "output"));
+    }
+    let (first, again) = (folder.path().join("a.sog"), folder.path().join("b.sog"));
+    let said = compressed(&model, &again, &["--views", "16", "--size", "64x64", "--size", "4.5kB"]).out;
+    assert!(said.contains(" of 4.5 kB: ") && said.contains(" Gaussians, ") && said.contains(" dB"), "{said}");
+    // The line's PSNR is that of the file, which is not that before packing.
+    let (_, after) = said.split_once("file       PSNR ").expect("the file's own PSNR");
+    let psnr: f64 = after.split(' ').next().and_then(|v| v.parse().ok()).expect("a number");
+    assert!(said.contains(&format!(" Gaussians, {psnr:.1} dB")) && said.contains("before packing"), "{said}");
+    assert!(std::fs::read(&first).unwrap() == std::fs::read(&again).unwrap(), "one input, one output");
+    // Tuned after the search, the file still fits.
+    let tuned = folder.path().join("tuned.sog");
+    small(&model, &tuned, &["--size", "4.5kB", "--fine-tune", "5"]);
+    let bytes = std::fs::metadata(&tuned).unwrap().len();
+    assert!((4275..=4500).contains(&bytes), "{bytes}");
+}
+
+#[test]
+fn pages_have_the_size_that_was_asked_for_and_copies_say_what_they_cost() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    let convert = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let Ended { code, said, .. } = end(qirf(["convert".as_ref(), &*model, &out]).args(more));
+        (code, said, std::fs::metadata(&out).map_or(0, |m| m.len()))
+    };
+    let (code, said, bytes) = convert("a.html", &["--size", "39kB"]);
+    assert!(code == Some(0) && (37_050..=39_000).contains(&bytes) && said.contains(" of 39 kB: "), "{bytes}: {said}");
+    convert("b.html", &[]);
+    let page = std::fs::read_to_string(folder.path().join("b.html")).unwrap();
+    assert!(page.contains("id=\"poster\" src=\"data:image/"), "the page begins with a picture");
+    let (_, said, coarse) = convert("a.spz", &["--sh-bits", "1"]);
+    assert!(said.contains(" dB against it"), "{said}");
+    assert!(said.contains("is a poor copy"), "{said}");
+    let (_, said, fine) = convert("a.spz", &["--sh-bits", "8,8"]);
+    assert!(fine > coarse && !said.contains("poor"), "{said}");
+    assert!(!convert("a.glb", &[]).1.contains(" dB"), "floats cost nothing");
+    for (name, more) in [("a.sog", ["--sh-bits", "5"]), ("a.sog", ["--size", "9kB"]), ("a.sog", ["--lod", "2"])] {
+        assert_eq!(convert(name, &more).0, Some(2), "{more:?}");
+    }
+    assert_eq!(convert("a.html", &["--size", "9kB"]).0, Some(2), "script and style alone take more");
+    let (code, said, bytes) = convert("lod/lod-meta.json", &["--lod", "3"]);
+    assert!(code == Some(0) && bytes > 0 && said.contains("level 2: 67 Gaussians"), "{said}");
+}
+
+#[test]
+fn a_curve_has_files_of_six_sizes_with_their_bytes_by_attribute() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    let out = folder.path().join("curve");
+    let more = ["--curve", "sog,spz,ply", "--peer", "none", "--views", "16", "--size", "64x64", "--json"];
+    let curve = compressed(&model, &out, &more).with(0, &[]).json();
+    let files = curve["files"].as_array().unwrap();
+    assert!(files.len() > 7, "{curve}");
+    for file in files {
+        let number = |key: &str| file[key].as_u64().unwrap_or_else(|| panic!("{key}: {file}"));
+        assert!(number("bytes") <= number("wanted"), "{file}");
+        let parts = file["parts"].as_array().unwrap();
+        let all: u64 = parts.iter().map(|part| part[1].as_u64().unwrap()).sum();
+        assert!(if file["format"] == "ply" { parts.is_empty() } else { all == number("bytes") }, "{file}");
+    }
+    let losses = curve["attributes"].as_array().unwrap();
+    assert_eq!(losses.iter().filter(|loss| loss["format"] == "spz").count(), 6, "{losses:?}");
+    let csv = std::fs::read_to_string(out.join("curve.csv")).unwrap();
+    assert_eq!(csv.lines().count(), files.len() + 1);
+    let html = parse(&std::fs::read_to_string(out.join("curve.html")).unwrap()).unwrap();
+    assert_eq!(html.select("#plot polyline").len(), 3);
+    compressed(&model, &out, &["--curve", "sog", "--size", "9kB"]).with(2, &[]);
+    compressed(&model, &out, &["--curve", "docx"]).with(2, &[]);
+}
+
+#[test]
+fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    let out = folder.path().join("a.sog");
+    let made = small(&model, &out, &["--psnr", "28"]);
+    let reached = made["aim"]["chosen"]["psnr"].as_f64().unwrap();
+    // A few sites more are a dB or two.
+    assert!((27.9..31.0).contains(&reached), "{}", made["aim"]);
+    let whole = ["--views", "16", "--size", "64x64", "--size", "1GB"];
+    compressed(&model, &out, &whole).with(0, &["needs 1000000000 bytes"]);
+    assert_eq!(formats::read(&out).unwrap().gaussians.len(), SITES * CLONES);
+    std::fs::remove_file(&out).unwrap();
+    let refused = |code: i32, words: &str, more: &[&str]| {
+        compressed(&model, &out, more).with(code, &[words]);
+        assert!(!out.exists(), "{more:?}");
+    };
+    refused(2, "the smallest SOG file", &["--views", "16", "--size", "64x64", "--size", "100B"]);
+    for bad in ["5", "0", "-1MB", "1TB", "MB", "nanMB"] {
+        refused(2, "--size", &[&format!("--size={bad}")]);
+    }
+    refused(2, "--psnr", &["--psnr", "nan"]);
+    refused(2, "--keep", &["--size", "9kB", "--keep", "0.5"]);
+    refused(2, "--target-count", &["--psnr", "30", "--target-count", "5"]);
+    refused(2, "one of them", &["--size", "9kB", "--psnr", "30"]);
+    refused(2, "--selector pairs", &["--views", "16", "--size", "64x64", "--size", "9kB", "--selector", "css"]);
+}
