@@ -8,7 +8,7 @@ use crate::scene::lens::VISIBLE_DISPLACEMENT;
 use crate::scene::{ALPHA_SHARE, AlphaRole, SceneKind, View};
 use crate::wording::counted;
 use glam::DVec3;
-use std::collections::{BTreeSet, HashSet};
+use std::collections::BTreeSet;
 
 /// Ratio of a point's pixel footprints above which a scene calls for anti-aliasing.
 pub const FOOTPRINTS: f64 = 1.5;
@@ -23,20 +23,25 @@ const SEEN_BY: usize = 3;
 /// Share of pixels below which transparency or masks may be flaws of the photos.
 const FEW: f64 = 1e-3;
 
-/// Number of photos up to which pictures leave Gaussians out.
-pub const FEW_PHOTOS: usize = 24;
+/// Times that a run trains on each photo, divided by the number of photos, from which pictures leave Gaussians out.
+pub const LOOKS: f64 = 4.5;
 
-/// Dropout: counts the photos.
+/// Dropout: how often the run trains on each photo, and how few others show the same place. Before nothing, an object would
+/// have holes where Gaussians are left out, which no other Gaussian can hide.
 pub fn dropout(set: &TrainingSet<'_>) -> Decision {
-    let photos = set.views().map(View::photo_name).collect::<HashSet<_>>().len();
-    let evidence = format!("{} to train on", counted(photos, "photo"));
-    let [measured, threshold] = [photos, FEW_PHOTOS].map(|n| n as f64);
-    Decision {
-        near_threshold: is_near(measured, threshold),
-        measured: Some(measured),
-        threshold: Some(threshold),
-        ..Decision::plain(Effect::Dropout, photos <= FEW_PHOTOS, evidence)
+    let photos = set.train.len();
+    let looks = f64::from(set.iterations) / photos.max(1) as f64;
+    let evidence = format!("each of {} is trained on {looks:.0} times", counted(photos, "photo"));
+    if hidden(set, AlphaRole::Alpha).0 > 0 {
+        let why = format!("{evidence}, but photos are transparent where Gaussians left out would leave holes");
+        return Decision::plain(Effect::Dropout, false, why);
     }
+    Decision::by(
+        Effect::Dropout,
+        looks / photos.max(1) as f64,
+        LOOKS,
+        format!("{evidence} in {} iterations", set.iterations),
+    )
 }
 
 /// Depth: how far maps of it are from the points.

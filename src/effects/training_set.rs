@@ -22,6 +22,8 @@ pub struct TrainingSet<'a> {
     pub depths: DepthEvidence,
     /// Size of the pictures trained on as a share of the photos' on disk.
     pub scale: f64,
+    /// Length of the run.
+    pub iterations: u32,
 }
 
 impl<'a> TrainingSet<'a> {

@@ -9,7 +9,7 @@ use crate::gpu::Timings;
 use crate::pipeline::Error;
 use crate::render::Style;
 use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, View, load_photos};
-use crate::train;
+use crate::train::{self, schedule::Schedule};
 use rayon::prelude::*;
 use std::io;
 
@@ -23,7 +23,9 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
     let scale = sizes.map_or(1.0, |(photo, view)| {
         f64::from(photo.camera.width) / f64::from(prepared.scene.views[*view].camera.width.max(1))
     });
-    let set = TrainingSet { scene: &prepared.scene, train: &train, photos: &photos, depths: prepared.depths, scale };
+    let iterations = config.schedule.iterations;
+    let depths = prepared.depths;
+    let set = TrainingSet { scene: &prepared.scene, train: &train, photos: &photos, depths, scale, iterations };
     let (decisions, gains) = effects::decide(&set, &config.effects, config.sh_degree);
     Ok((decisions, gains.believed()))
 }
@@ -45,7 +47,8 @@ pub fn of_scene(scene: &Scene) -> Result<Vec<Decision>, Error> {
         }
     }
     let depths = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH)).evidence;
-    let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0 };
+    let iterations = Schedule::default().iterations;
+    let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
     Ok(effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0)
 }
 

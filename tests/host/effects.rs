@@ -42,10 +42,12 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
     ] {
         let found = of_synth(&made);
         assert_eq!(found.iter().map(|d| d.name).collect::<Vec<_>>(), Effect::ALL);
-        for d in found.iter().filter(|d| d.name != Effect::ViewDependence) {
+        for d in found.iter().filter(|d| ![Effect::ViewDependence, Effect::Dropout].contains(&d.name)) {
             assert_eq!(d.on, Some(d.name) == called, "{made:?}: {} {}", d.name.name(), d.evidence);
             assert!(!d.forced);
         }
+        // 30,000 iterations train on each of 28 photos 1071 times, 38 times their number.
+        assert_eq!(is_on(&found, Effect::Dropout), made != [Made::Alpha], "{made:?}");
         let degree = found[0].degree;
         match made.as_slice() {
             [Made::Matte] => assert_eq!(degree, Some(1)),

@@ -36,14 +36,14 @@ impl Preset {
     }
 
     /// The preset's decisions on effects; all others are left to the scene. No anti-aliasing, since viewers draw plain
-    /// models by default; cameras as they are given, since the scores' cameras are as wrong;
-    /// no dropout, which helps with few photos alone. The paper's preset has degree 3 and no exposures.
+    /// models by default; cameras as they are given, since the scores' cameras are as wrong. The paper's preset has degree 3,
+    /// no exposures and no dropout.
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
         out.set(Effect::Antialias, Choice::Off);
         out.set(Effect::Poses, Choice::Off);
-        out.set(Effect::Dropout, Choice::Off);
         if self == Self::Paper {
+            out.set(Effect::Dropout, Choice::Off);
             out.set(Effect::ViewDependence, Choice::On);
             out.set(Effect::Exposure, Choice::Off);
         }

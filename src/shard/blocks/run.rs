@@ -80,6 +80,10 @@ impl BlockRun {
         let mut config = config.clone();
         // Blocks would each move the cameras that they share.
         config.effects.set(Effect::Poses, Choice::Off);
+        // A block's length and photos say nothing of the whole run's.
+        if config.effects.forced(Effect::Dropout).is_none() {
+            config.effects.set(Effect::Dropout, Choice::Off);
+        }
         from_root(&mut config.scene, &mut config.images)?;
         if let Init::Model(path) = &mut config.init {
             *path = absolute(path)?;
