@@ -11,7 +11,7 @@ use engine::pipeline::compress::aim::Aim;
 use engine::pipeline::compress::fit::Target;
 use engine::pipeline::compress::{self as engine_compress, CompressConfig, Input, ViewSource};
 use engine::pipeline::virtual_views::VirtualCameras;
-use engine::pipeline::{Error, RunConfig, Session};
+use engine::pipeline::{Error, Preset, RunConfig, Session};
 use engine::qirf::select::budget::Keep;
 use engine::render::Style;
 use pyo3::prelude::*;
@@ -72,7 +72,7 @@ pub fn compress<'py>(
     config.views = match &scene {
         Some(scene) => {
             let resolution = resolution.map(|r| r.0);
-            ViewSource::Photos(RunConfig { resolution, ..RunConfig::of(scene.clone(), Default::default()) }.selection())
+            ViewSource::Photos(RunConfig { resolution, ..RunConfig::of(scene.clone(), Preset::default()) }.selection())
         }
         None if resolution.is_some() => {
             return Err(wrong("resolution is that of a scene's photos; without a scene, picture_size"));

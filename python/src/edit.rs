@@ -81,7 +81,7 @@ impl Model {
 
     /// Removes Gaussians of which an axis's standard deviation is larger, in world units.
     fn max_size(&self, py: Python<'_>, size: f64) -> PyResult<Self> {
-        if !(size > 0.0) {
+        if size.is_nan() || size <= 0.0 {
             return Err(wrong(format!("size={size}: give one above 0, in world units")));
         }
         self.edited(py, Edit::MaxSize(size))

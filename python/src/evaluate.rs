@@ -7,7 +7,7 @@ use crate::model::Model;
 use crate::watch::Follower;
 use engine::metrics::Networks;
 use engine::pipeline::eval::{self, Evaluation};
-use engine::pipeline::{Error, RunConfig, Session};
+use engine::pipeline::{Error, Preset, RunConfig, Session};
 use engine::render::Style;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ pub fn evaluate<'py>(
     match (scene, original) {
         (Some(scene), None) => {
             let (resolution, eval_every) = (resolution.map(|r| r.0), number("eval_every", eval_every, 1)?);
-            let usual = RunConfig::of(scene, Default::default());
+            let usual = RunConfig::of(scene, Preset::default());
             let selection = RunConfig { resolution, eval_every, background, ..usual }.selection();
             let evaluation = Evaluation { selection, style, exposure: false };
             let record = py.detach(|| {

@@ -1,5 +1,8 @@
 //! `qirf_vk` for Python: models, pictures, training, compression and scores. `qirf_vk.pyi` documents it.
 
+// Docstrings are Python's: "key" in brackets is no link.
+#![allow(clippy::doc_link_with_quotes)]
+
 mod arrays;
 mod compress;
 mod device;

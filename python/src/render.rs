@@ -196,7 +196,7 @@ impl Renderer {
         settings: Settings,
     ) -> Result<Image, Error> {
         let near = camera.near.unwrap_or(settings.near);
-        if slot.as_ref().is_none_or(|(of, _)| *of != near) {
+        if slot.as_ref().is_none_or(|(of, _)| of.to_bits() != near.to_bits()) {
             let size = [camera.inner.width, camera.inner.height];
             *slot = Some((near, Painter::of(&self.device, Settings { near, ..settings }, source, size)?));
         }

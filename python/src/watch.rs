@@ -79,7 +79,9 @@ impl Watcher for Follower {
             && looked.elapsed() >= EVERY
         {
             *looked = Instant::now();
-            self.keep(Python::attach(|py| py.check_signals()));
+            #[expect(clippy::redundant_closure_for_method_calls, reason = "the method alone has one lifetime, not any")]
+            let heard = Python::attach(|py| py.check_signals());
+            self.keep(heard);
         }
         self.raised.lock().is_ok_and(|raised| raised.is_some())
     }
