@@ -26,22 +26,23 @@ const FEW: f64 = 1e-3;
 /// Times that a run trains on each photo, divided by the number of photos, from which pictures leave Gaussians out.
 pub const LOOKS: f64 = 4.5;
 
+/// How often a run of `iterations` trains on each photo, divided by the number of photos.
+pub fn looks(iterations: u32, photos: usize) -> f64 {
+    f64::from(iterations) / (photos.max(1) as f64).powi(2)
+}
+
 /// Dropout: how often the run trains on each photo, and how few others show the same place. Before nothing, an object would
 /// have holes where Gaussians are left out, which no other Gaussian can hide.
 pub fn dropout(set: &TrainingSet<'_>) -> Decision {
     let photos = set.train.len();
-    let looks = f64::from(set.iterations) / photos.max(1) as f64;
-    let evidence = format!("each of {} is trained on {looks:.0} times", counted(photos, "photo"));
+    let times = f64::from(set.iterations) / photos.max(1) as f64;
+    let evidence = format!("each of {} is trained on {times:.0} times", counted(photos, "photo"));
     if hidden(set, AlphaRole::Alpha).0 > 0 {
         let why = format!("{evidence}, but photos are transparent where Gaussians left out would leave holes");
         return Decision::plain(Effect::Dropout, false, why);
     }
-    Decision::by(
-        Effect::Dropout,
-        looks / photos.max(1) as f64,
-        LOOKS,
-        format!("{evidence} in {} iterations", set.iterations),
-    )
+    let evidence = format!("{evidence} in {} iterations", set.iterations);
+    Decision::by(Effect::Dropout, looks(set.iterations, photos), LOOKS, evidence)
 }
 
 /// Depth: how far maps of it are from the points.

@@ -1,6 +1,7 @@
 //! Dropout of Gaussians (DropGaussian, Park et al. 2025): each picture trained on leaves some out by chance, and the opacities
 //! of the others rise. Where few photos see a place, no Gaussian can then paint one photo alone.
 
+use crate::effects::geometry::{LOOKS, looks};
 use crate::gaussians::resident::Resident;
 use crate::gpu::Recording;
 use crate::kernels::train::{Dropout as Kernel, DropoutPush as Push, DropoutSpec as Spec};
@@ -8,12 +9,15 @@ use crate::primitives::WORKGROUP;
 use crate::render::TrainingRenderer;
 use crate::scene::camera::Camera;
 
-/// Share of the Gaussians that pictures leave out at the end of a run: the paper's.
-pub const SHARE: f64 = 0.2;
+/// Shares of the Gaussians that pictures leave out at the end of a run: the paper's, and the largest (docs/decisions.md, 140).
+const SHARES: [f64; 2] = [0.2, 0.4];
 
-/// Share left out in iteration `iteration` of a run of `length`: it grows with the run.
-pub fn share(iteration: u32, length: u32) -> f32 {
-    (SHARE * f64::from(iteration.min(length)) / f64::from(length.max(1))) as f32
+/// Share left out in iteration `iteration` of a run of `length` on `photos` photos: it grows with the run, and further the more
+/// often the run trains on each photo.
+pub fn share(iteration: u32, length: u32, photos: usize) -> f32 {
+    let [least, most] = SHARES;
+    let last = (least * (looks(length, photos) / LOOKS).sqrt()).clamp(least, most);
+    (last * f64::from(iteration.min(length)) / f64::from(length.max(1))) as f32
 }
 
 /// Records the choice for a picture, between [`crate::render::Renderer::record_lists`] and

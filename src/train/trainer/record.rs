@@ -47,7 +47,7 @@ impl Trainer {
             rates: adam_step.rates,
         };
         if options.dropout {
-            let share = dropout::share(iteration, options.schedule.iterations);
+            let share = dropout::share(iteration, options.schedule.iterations, self.photos.len());
             dropout::record(recording, renderer, (model, camera), now.key, share);
         }
         if let Some(method) = &options.method {

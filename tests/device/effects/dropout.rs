@@ -60,7 +60,9 @@ fn runs_with_dropout_repeat_to_the_bit_and_differ_from_those_without() {
     };
     let with = model(true);
     assert!(with == model(true) && with != model(false));
-    assert!(dropout::share(0, 100) == 0.0 && (dropout::share(50, 100) - 0.1).abs() < 1e-7);
-    assert_eq!(dropout::share(900, 100), dropout::share(100, 100));
+    assert!(dropout::share(0, 100, 10) == 0.0 && (dropout::share(50, 100, 10) - 0.1).abs() < 1e-7);
+    assert_eq!(dropout::share(900, 100, 10), dropout::share(100, 100, 10));
+    // Seventeen and a half times as often as there are photos, and far more often.
+    assert!((dropout::share(7000, 7000, 20) - 0.394).abs() < 1e-3 && dropout::share(7000, 7000, 3) == 0.4);
     finish(&device);
 }
