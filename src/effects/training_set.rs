@@ -34,7 +34,7 @@ impl<'a> TrainingSet<'a> {
     }
 }
 
-/// What is known of the depth maps of a scene's photos.
+/// Evidence on the depth maps of a scene's photos.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DepthEvidence {
     /// Photos with a map that can be used.
@@ -45,7 +45,7 @@ pub struct DepthEvidence {
     pub deviation: Option<f64>,
 }
 
-/// What depth maps are compared with.
+/// Reference that depth maps are compared with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DepthWitness {
     /// The scene's points.

@@ -18,7 +18,7 @@ use crate::qirf::participation::Eigensolver;
 use crate::qirf::study;
 use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};
 use crate::response::Wanted;
-use crate::scene::camera;
+use crate::scene::{DepthMap, camera};
 use crate::train::checkpoint::Snapshot;
 use crate::train::{PhotoNeeds, Trainer, TrainerNeeds, responses_bytes};
 
@@ -122,10 +122,10 @@ pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial:
 /// Bytes of the depth maps that are trained on.
 fn depth_bytes(config: &RunConfig, prepared: &Prepared) -> u64 {
     let maps = prepared.train.iter().filter_map(|photo| photo.depth.as_ref());
-    if config.depth_loss { maps.map(|map| 4 * map.depths.len() as u64).sum() } else { 0 }
+    if config.depth_loss { maps.map(DepthMap::bytes).sum() } else { 0 }
 }
 
-/// What a block that grows needs, besides what its numbers of Gaussians decide.
+/// Memory needs of a block that grows, without those that its numbers of Gaussians decide.
 fn of_block(config: &RunConfig, prepared: &Prepared) -> TrainerNeeds {
     TrainerNeeds {
         size: camera::largest(prepared.train.iter().map(|photo| &photo.camera)),

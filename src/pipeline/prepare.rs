@@ -23,7 +23,7 @@ pub struct Prepared {
     pub extent: f64,
     /// Background colour.
     pub background: [f32; 3],
-    /// What is known of the depth maps of the photos trained on.
+    /// Evidence on the depth maps of the photos trained on.
     pub depths: DepthEvidence,
 }
 

@@ -1,5 +1,6 @@
 //! Panoramas without poses: each is cut into the faces of a cube, which are the photos of a rig of six pinholes at one place.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
@@ -19,11 +20,15 @@ const FRONT: &str = "front";
 /// Quality of JPEG files.
 const QUALITY: u8 = 95;
 
-/// What to tell of photos that may be panoramas.
+/// The sizes that the photos of a folder have: width and height in pixels.
+fn sizes(folder: &Folder) -> impl Iterator<Item = (u32, u32)> {
+    folder.photos().iter().filter_map(|name| CameraKind::of(&folder.images().join(name))).map(|kind| kind.size)
+}
+
+/// The hint for photos that may be panoramas.
 pub(super) fn hint(folder: &Folder) -> Option<&'static str> {
-    let sizes =
-        || folder.photos().iter().filter_map(|name| CameraKind::of(&folder.images().join(name))).map(|kind| kind.size);
-    let all = sizes().next().is_some() && sizes().all(|(width, height)| width == 2 * height);
+    let mut sizes = sizes(folder).peekable();
+    let all = sizes.peek().is_some() && sizes.all(|(width, height)| width == 2 * height);
     all.then_some("all photos are twice as wide as high: panoramas (360°) need --panoramas")
 }
 
@@ -88,11 +93,7 @@ fn write(file: &Path, mask: &Path, photo: &Photo) -> Result<(), Error> {
 /// # Errors
 /// [`Error::Usage`] for faces of several sizes.
 pub(super) fn rig(folder: &Folder) -> Result<Rig, Error> {
-    let sizes =
-        folder.photos().iter().filter_map(|name| CameraKind::of(&folder.images().join(name))).map(|kind| kind.size);
-    let mut sizes: Vec<(u32, u32)> = sizes.collect();
-    sizes.sort_unstable();
-    sizes.dedup();
+    let sizes = Vec::from_iter(sizes(folder).collect::<BTreeSet<_>>());
     let &[(side, _)] = sizes.as_slice() else {
         return Err(Error::Usage(format!(
             "--panoramas: photos of {} sizes; pose those of one size at a time",

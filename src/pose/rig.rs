@@ -107,7 +107,7 @@ impl Rig {
     }
 }
 
-/// What to tell of photos that a rig may have taken, as far as names tell.
+/// The hint for photos that a rig may have taken, as far as names tell.
 pub(super) fn hint(names: &[String]) -> Option<String> {
     let rigs = side_by_side(names);
     // The folders of a camera's card count on.

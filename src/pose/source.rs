@@ -47,7 +47,7 @@ impl Source {
         }
     }
 
-    /// What to tell of a rig, or of photos that one may have taken.
+    /// The note on a rig, or the hint for photos that one may have taken.
     pub fn hint(&self, rig: Option<&Rig>) -> Option<String> {
         match (self, rig) {
             (_, Some(rig)) => Some(rig.told()),

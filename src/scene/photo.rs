@@ -45,6 +45,19 @@ pub struct DepthMap {
     pub unit: f64,
 }
 
+impl DepthMap {
+    /// The depth at a pixel in world units, if there is one.
+    pub fn at(&self, x: u32, y: u32) -> Option<f64> {
+        let depth = self.depths[y as usize * self.width as usize + x as usize];
+        (depth > 0.0).then(|| f64::from(depth) * self.unit)
+    }
+
+    /// Bytes of its depths.
+    pub fn bytes(&self) -> u64 {
+        size_of_val(&*self.depths) as u64
+    }
+}
+
 /// A photo at the working size.
 #[derive(Clone, Debug)]
 pub struct Photo {

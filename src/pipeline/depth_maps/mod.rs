@@ -6,7 +6,7 @@ pub mod read;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::effects::{DepthEvidence, DepthWitness};
@@ -32,11 +32,11 @@ const MOST_PIXELS: f64 = 65_536.0;
 pub struct DepthMaps {
     /// By the view's name.
     maps: HashMap<String, DepthMap>,
-    /// What the scene's points say of them.
+    /// Evidence on them: the scene's points, or each other.
     pub evidence: DepthEvidence,
     /// Points in the maps; their track is the view that sees them, and their colour is not known yet.
     pub points: Vec<Point>,
-    /// What to tell.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
@@ -101,7 +101,7 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     DepthMaps { maps, evidence: DepthEvidence { maps: usable, by, deviation }, points, notes }
 }
 
-/// What to tell: maps that are not used, why, and what the others gave.
+/// Notes for the user: maps that are not used, the reason, and what the others gave.
 fn notes(scene: &Scene, found: &[Found], known: &[[f64; 2]], (usable, points): (usize, usize)) -> Vec<String> {
     let unread = |f: &Found| {
         let what = f.map.as_ref().err()?;
@@ -139,13 +139,16 @@ fn find(scene: &Scene, views: &[usize], tracked: bool) -> Found {
 /// A view's photo: a face's looks along another axis.
 struct Source {
     lens: Lens,
+    /// From the view's camera coordinates to the photo's.
+    back: DMat3,
     /// True if depths lie along rays, as those of photos do that show more than a pinhole could.
     along_rays: bool,
 }
 
 impl Source {
     fn new(view: &View, map: &Map) -> Self {
-        Self { lens: view.lens.resized(map.width, map.height), along_rays: view.face.is_some() }
+        let back = view.face.as_ref().map_or(DMat3::IDENTITY, |face| face.turn.transpose());
+        Self { lens: view.lens.resized(map.width, map.height), back, along_rays: view.face.is_some() }
     }
 
     /// The map's number for what lies at `place`, in the photo's camera coordinates, over the depth there.
@@ -164,9 +167,8 @@ impl Source {
 /// The factor by which a map's depths become those of the points that it shows.
 fn scale<'a>(view: &View, map: &Map, seen: impl Iterator<Item = &'a Point>) -> Scale {
     let source = Source::new(view, map);
-    let back = view.face.as_ref().map_or(glam::DMat3::IDENTITY, |face| face.turn.transpose());
     let ratio = |point: &Point| {
-        let p = back * (view.camera.rotation * point.position + view.camera.translation);
+        let p = source.back * (view.camera.rotation * point.position + view.camera.translation);
         let depth = source.depth(p);
         if depth > 0.0 { source.look(map, p).map(|measured| depth / measured) } else { None }
     };
@@ -193,13 +195,12 @@ fn camera(view: &View, resize: Resize) -> Camera {
     camera.resized(width, height)
 }
 
-/// What a view sees of its photo's map, pixel by pixel.
+/// The depths that a view sees of its photo's map, pixel by pixel.
 fn seen(view: &View, map: &Map, scale: f64, resize: Resize) -> DepthMap {
     let (camera, source) = (camera(view, resize), Source::new(view, map));
-    let back = view.face.as_ref().map_or(glam::DMat3::IDENTITY, |face| face.turn.transpose());
     let depth = |n: u32| {
         let pixel = DVec2::new(f64::from(n % camera.width), f64::from(n / camera.width)) + 0.5;
-        let ray = back * ((pixel - camera.principal) / camera.focal).extend(1.0);
+        let ray = source.back * ((pixel - camera.principal) / camera.focal).extend(1.0);
         source.look(map, ray).map_or(0.0, |measured| (measured / source.depth(ray)) as f32)
     };
     let depths: Arc<[f32]> = (0..camera.width * camera.height).map(depth).collect();
@@ -213,11 +214,11 @@ fn points(v: usize, view: &View, map: &DepthMap, most: usize) -> Vec<Point> {
     let places = (stride / 2..map.height).step_by(stride as usize);
     let places = places.flat_map(|y| (stride / 2..map.width).step_by(stride as usize).map(move |x| (x, y)));
     let point = |(x, y): (u32, u32)| {
-        let depth = f64::from(map.depths[y as usize * map.width as usize + x as usize]) * map.unit;
+        let depth = map.at(x, y)?;
         let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
         let local = ((pixel - camera.principal) / camera.focal).extend(1.0) * depth;
         let position = camera.rotation.transpose() * (local - camera.translation);
-        (depth > 0.0).then(|| Point { position, colour: [0; 3], error: 0.0, track: vec![v as u32] })
+        Some(Point { position, colour: [0; 3], error: 0.0, track: vec![v as u32] })
     };
     places.filter_map(point).collect()
 }
@@ -231,9 +232,8 @@ fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Point]) -> Opt
         let next = photos.iter().find(|views| views[0].0 > own)?;
         let seen = |(v, map): &(usize, DepthMap)| {
             let camera = scene.views[*v].camera.resized(map.width, map.height);
-            let pixel = camera.pixel_of(point.position)?;
-            let measured = f64::from(map.depths[(pixel[1] * map.width + pixel[0]) as usize]) * map.unit;
-            (measured > 0.0).then(|| (camera.depth(point.position) / measured - 1.0).abs())
+            let [x, y] = camera.pixel_of(point.position)?;
+            Some((camera.depth(point.position) / map.at(x, y)? - 1.0).abs())
         };
         next.iter().find_map(seen)
     };
@@ -244,7 +244,7 @@ fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Point]) -> Opt
 impl DepthMaps {
     /// Bytes of the maps in memory.
     pub fn bytes(&self) -> u64 {
-        self.maps.values().map(|map| 4 * map.depths.len() as u64).sum()
+        self.maps.values().map(DepthMap::bytes).sum()
     }
 
     /// The map of a view.

@@ -25,7 +25,7 @@ pub struct Map {
 /// Reads a map: 16-bit pictures in thousandths, EXR and npy as they are.
 ///
 /// # Errors
-/// What is wrong with the file, as a predicate.
+/// A predicate that names the fault of the file.
 pub fn read(path: &Path) -> Result<Map, String> {
     of_bytes(&std::fs::read(path).map_err(|e| e.to_string())?)
 }

@@ -46,8 +46,9 @@ impl Trainer {
             colours: responses.is_some(),
             rates: adam_step.rates,
         };
+        let (length, photos) = (options.schedule.iterations, self.photos.len());
         if options.dropout {
-            let share = dropout::share(iteration, options.schedule.iterations, self.photos.len());
+            let share = dropout::share(iteration, length, photos);
             dropout::record(recording, renderer, (model, camera), now.key, share);
         }
         if let Some(method) = &options.method {
@@ -55,7 +56,6 @@ impl Trainer {
         }
         self.renderer.record_blending(recording, camera);
         let slots = self.renderer.slots(camera);
-        let (length, photos) = (options.schedule.iterations, self.photos.len());
         // Known exposures are not updated.
         let gains = options.exposure.as_ref().and_then(Exposures::learnt);
         let step = gains.map(|gains| exposure::Step {

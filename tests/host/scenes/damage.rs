@@ -5,7 +5,7 @@ use std::path::Path;
 
 use proptest::prelude::*;
 
-use crate::support::files::corpus;
+use crate::support::files::reading;
 use crate::support::files::writers::{Model, picture, row, transforms, write, written};
 
 /// Cuts a file and flips bits of what is left.
@@ -38,7 +38,7 @@ proptest! {
         let name = files[file].0;
         let folder = written(files);
         damage(&folder.path().join(name), keep, &flips);
-        corpus::scene(folder.path());
+        reading::scene(folder.path());
     }
 
     #[test]
@@ -47,7 +47,7 @@ proptest! {
         let name = files[file].0;
         let folder = written(files);
         damage(&folder.path().join(name), keep, &flips);
-        corpus::scene(folder.path());
+        reading::scene(folder.path());
     }
 
     #[test]
@@ -55,7 +55,7 @@ proptest! {
         let top = r#""fl_x": 50.5, "k1": 0.01, "w": 64, "h": 48, "camera_model": "OPENCV", "test_filenames": ["a.png"]"#;
         let folder = written([("transforms.json", transforms(top, &["a.png", "b.png", "c.png"]))]);
         damage(&folder.path().join("transforms.json"), keep, &flips);
-        corpus::scene(folder.path());
+        reading::scene(folder.path());
     }
 
     #[test]
@@ -69,7 +69,7 @@ proptest! {
         };
         write(folder.path(), [("transforms.json", transforms(top, &["a.png"])), ("points.ply", ply.into_bytes())]);
         damage(&folder.path().join("points.ply"), keep, &flips);
-        corpus::scene(folder.path());
+        reading::scene(folder.path());
     }
 
     #[test]
@@ -79,6 +79,6 @@ proptest! {
         let path = folder.path().join("images").join(name);
         picture(&path, 64, 48);
         damage(&path, keep, &flips);
-        corpus::scene(folder.path());
+        reading::scene(folder.path());
     }
 }

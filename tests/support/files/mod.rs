@@ -3,4 +3,5 @@
 pub mod corpus;
 pub mod gltf;
 pub mod make;
+pub mod reading;
 pub mod writers;
