@@ -24,9 +24,9 @@ class DeviceError(RuntimeError):
     """A device that is missing, unsuitable or lost, or that computes wrong numbers."""
 
 class Device:
-    """A Vulkan device: by its index, a part of its name, "uuid:..." or "pci:..."; else $QIRF_DEVICE, else the best there is.
+    """A Vulkan device by its index, a part of its name, "uuid:..." or "pci:..."; by default $QIRF_DEVICE, else the best device.
 
-    memory_limit: bytes that may be used; else what is free of a GPU's memory. Raises DeviceError.
+    memory_limit: limit on the bytes in use; by default the free memory of a GPU. Raises DeviceError.
     """
 
     def __init__(self, name: Optional[str] = None, *, memory_limit: Optional[int] = None) -> None: ...
@@ -52,7 +52,7 @@ class Model:
 
     @staticmethod
     def load(path: Path) -> Model:
-        """Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; what cannot be drawn is left out."""
+        """Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out."""
 
     @staticmethod
     def from_arrays(
@@ -68,11 +68,11 @@ class Model:
         """Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
 
         means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
-        (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see there.
+        (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see Model.origin.
         """
 
     def save(self, path: Path) -> None:
-        """Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, whole or not at all; an origin goes to georeference.json beside it."""
+        """Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json beside it."""
 
     @property
     def means(self) -> NDArray[np.float32]:
@@ -104,35 +104,35 @@ class Model:
 
     @property
     def origin(self) -> tuple[float, float, float]:
-        """Where the means count from in the world: (0, 0, 0) but for models far from there, such as those of maps. Edits keep it."""
+        """Local origin of the means in the world; (0, 0, 0) except for models far from the world's origin, such as those in map coordinates. Edits keep it."""
 
     def __len__(self) -> int: ...
     def transform(self, matrix: ArrayLike) -> Model:
-        """Moves, turns and scales by a similarity, (3, 4) or (4, 4); spherical harmonics turn along."""
+        """Applies a similarity, (3, 4) or (4, 4), and rotates the spherical harmonics accordingly."""
 
     def move_by(self, offset: Vector) -> Model:
-        """Moves by (x, y, z) in world units."""
+        """Translates by (x, y, z) in world units."""
 
     def turn(self, axis: Vector, degrees: float) -> Model:
-        """Turns about an axis through the origin, by the right hand."""
+        """Rotates about an axis through the origin (right-handed)."""
 
     def scale(self, factor: float) -> Model:
         """Scales about the origin."""
 
     def crop_box(self, low: Vector, high: Vector, *, outside: bool = False) -> Model:
-        """Keeps the Gaussians whose centre is in a box along the world's axes, or those whose centre is not."""
+        """Keeps the Gaussians with their centre in an axis-aligned box, or outside of it."""
 
     def crop_ball(self, centre: Vector, radius: float, *, outside: bool = False) -> Model:
-        """Keeps the Gaussians whose centre is in a ball, or those whose centre is not."""
+        """Keeps the Gaussians with their centre in a sphere, or outside of it."""
 
     def with_degree(self, degree: int) -> Model:
         """Drops the bands above this SH degree."""
 
     def min_opacity(self, opacity: float) -> Model:
-        """Removes Gaussians of a lower opacity, 0 to 1."""
+        """Removes Gaussians with a lower opacity, 0 to 1."""
 
     def max_size(self, size: float) -> Model:
-        """Removes Gaussians of which an axis's standard deviation is larger, in world units."""
+        """Removes Gaussians whose longest axis has a larger standard deviation, in world units."""
 
     def remove(self, kind: str, *, ratio: float = 100.0) -> Model:
         """Removes "invisible" Gaussians, which no picture can show, or "needles", whose longest axis is `ratio` times the middle one."""
@@ -141,16 +141,16 @@ class Model:
         """Orders Gaussians along a Z-order curve, so that neighbours in space are neighbours in the file."""
 
     def select(self, chosen: ArrayLike) -> Model:
-        """The Gaussians of a mask (n,) of bools, or of these numbers, in their order."""
+        """The Gaussians selected by a mask (n,) of bools, or by indices, in their order."""
 
 def merge(models: Sequence[Model]) -> Model:
-    """All Gaussians of several models, one model after the other; bands that one lacks are zero. Means count from the first one's origin."""
+    """Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model."""
 
 class Camera:
-    """A pinhole camera as COLMAP and OpenCV have it: x right, y down, z forward; the middle of the first pixel is (0.5, 0.5).
+    """A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).
 
     k: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
-    near: Gaussians nearer than this, in world units along the camera's axis, are left out.
+    near: near plane, in world units along the camera's axis; closer Gaussians are not drawn.
     """
 
     def __init__(self, k: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], *, near: Optional[float] = None) -> None: ...
@@ -193,7 +193,7 @@ def orbit(
 class Renderer:
     """Draws pictures of one model, in parts if the device cannot hold it.
 
-    background: red, green and blue in [0, 1]. A renderer keeps the model on the device: make one for many pictures.
+    background: red, green and blue in [0, 1]. A renderer keeps the model on the device, so use one renderer for many pictures.
     """
 
     def __init__(self, model: Model, device: Optional[Device] = None, *, background: Vector = (0.0, 0.0, 0.0)) -> None: ...
@@ -201,7 +201,7 @@ class Renderer:
     def render(self, camera: Camera) -> NDArray[np.float32]: ...
     @overload
     def render(self, camera: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int]) -> NDArray[np.float32]:
-        """A picture (height, width, 4): red, green, blue with the background blended in, and alpha. Give a Camera, or K (3, 3), the pose
+        """A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose
         (3, 4) or (4, 4), and width and height. The bytes are those of `qirf-vk render --format npy`.
         """
 
@@ -209,8 +209,8 @@ class Renderer:
     def depth(self, camera: Camera) -> NDArray[np.float32]: ...
     @overload
     def depth(self, camera: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int]) -> NDArray[np.float32]:
-        """Expected depths (height, width) along the camera's axis, in world units: the mean over the Gaussians that a pixel blends, weighted as
-        their colours are; infinite where there are none.
+        """Expected depths (height, width) along the camera's axis, in world units: the mean over the Gaussians that a pixel blends, with the
+        weights of their colours; infinite where there are none.
         """
 
 class Run:
@@ -246,10 +246,10 @@ def train(
     """Trains a scene with poses, prunes it, and scores it, as `qirf-vk run` does, with the same bytes.
 
     scene: a folder with COLMAP's, Blender's, instant-ngp's or nerfstudio's cameras and photos. preset: "standard", "quick" or "paper".
-    output: the folder of the run's files; temporary if absent. resume: goes on from the checkpoint of an interrupted run there.
+    output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there.
 
-    on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr where it was measured,
-    rates, device_bytes. on_progress gets the stage, the steps done and their number. What a callback raises ends the run.
+    on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr if it was measured,
+    rates, device_bytes. on_progress gets the stage, the steps done and their total. An exception in a callback ends the run.
 
     options: iterations; keep (a share) or count of Gaussians, or prune=False; effects, such as ["exposure=on"]; and every key of
     config.toml, such as seed, resolution (640 pixels wide, or "/2"), images, eval_every, sh_degree, max_gaussians, checkpoint_every,
@@ -274,16 +274,16 @@ def compress(
     device: Optional[Device] = None,
     on_progress: Optional[OnProgress] = None,
 ) -> tuple[Model, dict[str, Any]]:
-    """Removes the Gaussians that pictures can do without. Returns the smaller model and the record of `qirf-vk compress --json`.
+    """Removes redundant Gaussians. Returns the smaller model and the record of `qirf-vk compress --json`.
 
-    keep: a share, 0.28 if nothing is said; or count: a number of Gaussians; or size: the best file of so many bytes; or psnr: the
-    smallest file of so many dB. The last two need `output`, a file name as Model.save takes it. With `output` the file is written, and
-    the model is what it holds.
+    keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes, with the highest
+    PSNR; or psnr: the minimum PSNR in dB, with the smallest file. The last two need `output`, a file name as for Model.save. With `output`
+    the file is written, and the returned model is read from it.
 
-    Judges are `views` pictures of the model itself, of picture_size (width, height), or the photos of `scene`, at a resolution such as 640
-    (pixels wide) or "/2". selector: how Gaussians are ranked (docs/method.md); fine_tune: iterations of training afterwards.
-    record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
-    "fine_tuned"; each has psnr in dB, ssim, and lpips_alex and the like where weights are installed.
+    The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`, at a
+    resolution such as 640 (pixels wide) or "/2". selector: the rule that ranks Gaussians (docs/method.md); fine_tune: iterations of training
+    afterwards. record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
+    "fine_tuned"; each has psnr in dB, ssim, and, if weights are installed, lpips_alex and the like.
     """
 
 def evaluate(
@@ -299,6 +299,7 @@ def evaluate(
 ) -> dict[str, Any]:
     """Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
 
-    resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: each so many photos one is held out. background: red, green
-    and blue in [0, 1]. record["test"] has the means, record["views"] each view's: psnr in dB, ssim, and lpips_alex and the like where weights are installed.
+    resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: every eval_every-th photo is held out. background: red, green
+    and blue in [0, 1]. The record's "test" has the means, "views" the scores of each view: psnr in dB, ssim, and, if weights are installed,
+    lpips_alex and the like.
     """

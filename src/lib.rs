@@ -30,8 +30,8 @@
 //! `tools/examples` holds three programs: one renders a model, one trains a scene and prints the loss, and one runs a kernel
 //! of its own.
 //!
-//! Whatever works with a device can fail for lack of its memory or by its loss, and whatever works with files by these. Docstrings
-//! name further errors, and what a failure leaves behind.
+//! Functions that use a device can fail because its memory is exhausted or the device is lost, and functions that use files can
+//! fail by their I/O. Docstrings name further errors, and the state after a failure.
 //!
 //! # Features
 //!
@@ -41,15 +41,15 @@
 //! | feature | adds | needs |
 //! |---|---|---|
 //! | `train` | `train`: loss, schedule, density control, the training loop | |
-//! | `faer` | `qirf`: which Gaussians a model can do without | |
-//! | `lapack` | the same by LAPACK, which serves where both are on; nothing but on Linux | the system's OpenBLAS (`libopenblas-dev`) |
+//! | `faer` | `qirf`: selection of Gaussians to prune | |
+//! | `lapack` | `qirf` by LAPACK, which is preferred to `faer` if both are on; Linux only | the system's OpenBLAS (`libopenblas-dev`) |
 //! | `synth` | `synth`: an embedded scene, ray-traced into a capture | |
 //! | `pipeline` | `pipeline`: whole jobs such as run, compress and eval; `selftest` | `train`, `synth`; `faer` or `lapack` |
 //! | `report` | `report`: pages of a job's results | `pipeline` |
 //! | `view` | `view`: a viewer for browsers | `pipeline` |
 //! | `pose` | `pose`: camera poses of photos and videos, by COLMAP or OpenMVG-rs | `pipeline` |
 //! | `shard` | `shard`: compression and training in tasks, for models and scenes larger than a device | `pipeline` |
-//! | `lab` | `lab`: comparisons of ways of pruning, and sweeps of accuracy against time | `report` |
+//! | `lab` | `lab`: comparisons of pruning methods, and sweeps of accuracy against time | `report` |
 //! | `cli` | the program `qirf-vk` | all above; `faer` or `lapack` |
 //!
 //! # Floors

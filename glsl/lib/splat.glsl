@@ -13,10 +13,6 @@ vec4 pack_geometry(Splat s) { return vec4(s.mean, s.k.xy); }
 vec4 pack_shape(Splat s) { return vec4(s.k.z, s.log2_opacity, s.cut, s.colour.r); }
 vec2 pack_colour(Splat s) { return s.colour.gb; }
 
-Splat unpack_splat(vec4 geometry, vec4 shape, vec2 colour) {
-    return Splat(geometry.xy, vec3(geometry.zw, shape.x), shape.y, shape.z, vec3(shape.w, colour));
-}
-
 // u u + v v at a pixel centre.
 float splat_distance(vec2 d, vec3 k) {
     float u = k.x * d.x + k.y * d.y;

@@ -40,15 +40,15 @@ pub(super) struct Choices {
     /// units [default: adaptive; preset paper: paper]
     #[arg(long, value_name = "adaptive[:MOST]|paper|EDGE", value_parser = values::partition)]
     partition: Option<Partition>,
-    /// Overlaps that are the metric: of Gaussians of unit norm (normalised), or as in the paper's literal text (raw) [default:
+    /// Overlaps in the metric: of Gaussians of unit norm (normalised), or as in the paper's literal text (raw) [default:
     /// normalised]
     #[arg(long, value_name = "NAME", value_parser = values::named::<Overlap>("a kind of overlap"))]
     overlap: Option<Overlap>,
     /// Number of median scales by which Gaussians are widened before overlaps are computed [default: 0]
     #[arg(long, value_name = "T", value_parser = values::not_negative)]
     dilate: Option<f64>,
-    /// Eigensolver of the blocks: the whole problem's (dsygvd), Cholesky and an 8 x 8 eigenproblem (low-rank;
-    /// in float32: low-rank-f32), or the same in float32 on the device (device) [default: low-rank; preset paper: dsygvd]
+    /// Eigensolver of the blocks: for the whole problem (dsygvd), by Cholesky and an 8 x 8 eigenproblem (low-rank; in float32:
+    /// low-rank-f32), or by the same in float32 on the device (device) [default: low-rank; preset paper: dsygvd]
     #[arg(long, value_name = "NAME", value_parser = values::named::<Eigensolver>("an eigensolver"))]
     solver: Option<Eigensolver>,
     /// Number added to the metric's diagonal [default: 1e-4]

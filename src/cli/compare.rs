@@ -33,7 +33,7 @@ const EXAMPLES: &str = "Examples:
 const FILES: &str =
     "The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
-/// Compare ways of pruning a scene, all from one checkpoint
+/// Compare pruning methods on a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]
 #[command(after_help = format!("{EXAMPLES}\n\n{}\n\n{FILES}", arms_help()))]
 pub(super) struct Arguments {
@@ -49,8 +49,8 @@ pub(super) struct Arguments {
     /// Compare the arms of the paper's ablations
     #[arg(long, conflicts_with = "arms")]
     ablation: bool,
-    /// Number of seeds, from --seed on, with which every arm is trained; each seed has a folder of its own, and figures are means
-    /// and spreads [default: 1]
+    /// Number of seeds, from --seed on, for every arm; each seed has a folder of its own, and figures are means and spreads
+    /// [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     seeds: Option<u32>,
     /// Reuse finished parts of an earlier comparison with the same options

@@ -34,9 +34,9 @@ const EXAMPLES: &str = "Examples:
   qirf-vk compress model.ply -o small.ply --scene capture --resolution /4 --fine-tune 3000
   qirf-vk compress model.ply -o small.ply --selector importance --budget global --json
 
-Without photos, pictures of the model itself, from all around it, tell which Gaussians they need. If you have the capture, --scene is the better choice; for rooms and landscapes, which surround their cameras, it is the only good one.";
+Without photos, the result is compared with pictures of the model from all around it. If you have the capture, use --scene, which gives better results. Rooms and landscapes, which surround their cameras, need it.";
 
-/// Prune an existing model: keep the Gaussians that its pictures need.
+/// Prune an existing model, and write a smaller file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -45,11 +45,11 @@ pub(super) struct Arguments {
     /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Measure quality against bytes instead: the best files of these formats, such as sog,spz, at six sizes, with the bytes and the loss
-    /// of each attribute. OUT is a folder for curve.json, curve.csv and curve.html
+    /// Measure PSNR against bytes instead: the best files of these formats, such as sog,spz, at six sizes, with the bytes and
+    /// the loss of each attribute. OUT is a folder for curve.json, curve.csv and curve.html
     #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = format, conflicts_with_all = ["psnr", "fine_tune", "report", "diagnostics", "sh_bits", "keep", "target_count"])]
     curve: Option<Vec<String>>,
-    /// Command of splat-transform, with its options, whose files the curve shows, too; none leaves it out
+    /// Command of splat-transform, with its options, for comparison in the curve; none omits it
     #[arg(long, value_name = "COMMAND", default_value = "splat-transform", requires = "curve")]
     peer: String,
     /// LPIPS weights of the curve: a file, or a folder of them, as the script lpips-weights writes them [default: $QIRF_LPIPS, else
@@ -59,17 +59,18 @@ pub(super) struct Arguments {
     /// Iterations of training after the prune, on the photos or on the original's pictures
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     fine_tune: u32,
-    /// Write the figures to this file: as JSON, or as a page if its name ends in .html
+    /// Write the figures to this file: as JSON, or as a web page if its name ends in .html
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Write what became of each Gaussian, its score and its block to this file, for `qirf-vk view MODEL --diagnostics FILE`; its
-    /// name ends in .safetensors
+    /// Write the decision, score and block of each Gaussian to this .safetensors file, for `qirf-vk view MODEL --diagnostics
+    /// FILE`
     #[arg(long, value_name = "FILE", value_parser = diagnostics::file)]
     diagnostics: Option<PathBuf>,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
-    /// Bits of SH coefficients in an SPZ, 1 to 8: of band 1, and of the others if they differ [default: pictures decide]
+    /// Bits of SH coefficients in an SPZ, 1 to 8: of band 1, and of the others if they differ [default: as many as pictures
+    /// need]
     #[arg(long, value_name = "N[,N]", value_parser = values::sh_bits)]
     sh_bits: Option<SpzPrecision>,
     #[command(flatten)]
@@ -134,7 +135,7 @@ impl Arguments {
     /// Writes the curve of these formats.
     fn measure(&self, formats: &[String], console: &Console, global: &Global) -> Result<(), Error> {
         if self.options.aim()?.is_some() {
-            return Err(Error::Usage("--curve chooses its sizes; leave out --size of the file".to_owned()));
+            return Err(Error::Usage("--curve chooses the sizes itself; omit --size of the file".to_owned()));
         }
         let output = Output::new(&self.output)?;
         let peer = Peer::find(&self.peer, output.folder());
@@ -167,13 +168,13 @@ impl Arguments {
             check_file(path)?;
         }
         if self.sh_bits.is_some() && self.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("spz")) {
-            return Err(Error::Usage("--sh-bits is for SPZ: name an .spz file".to_owned()));
+            return Err(Error::Usage("--sh-bits applies only to SPZ: name an .spz file".to_owned()));
         }
         if self.report.as_ref() == Some(&self.output) {
             return Err(Error::Usage(format!("{} cannot hold model and report", self.output.display())));
         }
         if self.report.is_some() && self.report == self.diagnostics {
-            return Err(Error::Usage("--report and --diagnostics are two files".to_owned()));
+            return Err(Error::Usage("--report and --diagnostics need different files".to_owned()));
         }
         Ok(())
     }
@@ -188,7 +189,7 @@ pub(super) fn outcome(figures: &CompressRecord, console: &Console) -> String {
     fit::line(aim, (output.bytes, output.gaussians), psnr)
 }
 
-/// Says where the model has less than was asked.
+/// Reports where the model has less than was requested.
 fn shortfall(console: &Console, aim: &AimRecord, output: &ModelFile) {
     match aim.aim {
         Aim::Bytes(size) if 20 * output.bytes < 19 * size => console.note(format_args!(

@@ -1,4 +1,4 @@
-//! CompressArgs of a compression, for `compress` and `shard plan`.
+//! Arguments of a compression, for `compress` and `shard plan`.
 
 use super::choices::Choices;
 use super::style;
@@ -13,7 +13,7 @@ use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
 use std::path::{Path, PathBuf};
 
-/// Choice of Gaussians, views that judge it, and rendering.
+/// Selection of Gaussians, views for evidence and scores, and rendering.
 #[derive(Debug, clap::Args)]
 pub(super) struct CompressArgs {
     /// Preset of the options under this heading
@@ -27,17 +27,17 @@ pub(super) struct CompressArgs {
     /// Number of virtual cameras around the model; every eighth is held out for the scores [default: 48]
     #[arg(long, value_name = "N", help_heading = "Without photos", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(2..=10_000))]
     views: Option<u32>,
-    /// Size of the file, such as 5MB, 800kB or 4.5MiB: the best picture in so many bytes. WxH instead is the picture size of virtual
-    /// cameras [default: 400x400]
+    /// Maximum size of the file, such as 5MB, 800kB or 4.5MiB: find the file with the highest PSNR. As WxH: picture size of
+    /// virtual cameras [default: 400x400]
     #[arg(long, value_name = "BYTES|WxH", action = clap::ArgAction::Append, value_parser = values::size_of_file_or_pictures)]
     size: Vec<Size>,
-    /// PSNR in dB against the original's pictures or the photos held out: the fewest bytes for it
+    /// Minimum PSNR in dB against the original's pictures or the held-out photos: find the smallest file
     #[arg(long, value_name = "DB", value_parser = values::psnr, conflicts_with_all = ["keep", "target_count"])]
     psnr: Option<f64>,
     /// Up direction: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
-    /// Scene whose photos decide what is kept, and score the result: a COLMAP, Blender, instant-ngp or nerfstudio folder
+    /// Scene whose photos guide the prune and score the result: a COLMAP, Blender, instant-ngp or nerfstudio folder
     #[arg(long, value_name = "SCENE", help_heading = "Photos")]
     scene: Option<PathBuf>,
     /// Photo folder, such as images_4 [default: the scene's own]
@@ -46,7 +46,7 @@ pub(super) struct CompressArgs {
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", requires = "scene", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Mask what is nearer than DEG degrees to straight down in panoramas: the tripod, or who held the camera
+    /// Mask everything within DEG degrees of straight down in panoramas, such as the tripod or the photographer
     #[arg(long, value_name = "DEG", default_value = "0", requires = "scene", help_heading = "Photos", value_parser = values::pole)]
     pole_mask: f64,
     /// Hold out every N-th photo for the scores; 0 holds out none [default: 8]
@@ -62,14 +62,14 @@ pub(super) struct CompressArgs {
 /// A preset of all options under "Compression".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Preset {
-    /// Values that measured best
+    /// The values with the best results in measurements
     Standard,
     /// Every value as published in the QIRF paper
     Paper,
 }
 
 impl CompressArgs {
-    /// The scene whose photos decide, and their folder.
+    /// The scene whose photos guide the prune, and their folder.
     pub fn scene(&self) -> Option<(&Path, Option<&Path>)> {
         Some((self.scene.as_deref()?, self.images.as_deref()))
     }
@@ -82,7 +82,7 @@ impl CompressArgs {
         let aim = match (files.next(), files.next(), self.psnr) {
             (Some(_), Some(_), _) => return Err(Error::Usage("give one --size of the file".to_owned())),
             (Some(_), _, Some(_)) => {
-                return Err(Error::Usage("--size and --psnr ask for two files; give one of them".to_owned()));
+                return Err(Error::Usage("--size and --psnr exclude each other; give one of them".to_owned()));
             }
             (bytes, _, psnr) => bytes.map(Aim::Bytes).or(psnr.map(Aim::Psnr)),
         };
@@ -100,7 +100,7 @@ impl CompressArgs {
         match (pictures.next(), pictures.next()) {
             (_, Some(_)) => Err(Error::Usage("give one --size of pictures".to_owned())),
             (Some(_), _) if self.scene.is_some() => {
-                Err(Error::Usage("--size WxH is for virtual cameras; a scene's photos have --resolution".to_owned()))
+                Err(Error::Usage("--size WxH applies to virtual cameras; for a scene use --resolution".to_owned()))
             }
             (size, _) => Ok(size),
         }

@@ -44,18 +44,18 @@ pub(super) struct Arguments {
     /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda, .usdz, .html, or lod-meta.json with --lod
     #[arg(value_name = "OUT")]
     output: PathBuf,
-    /// Version of a written SPZ: 3 for readers of before 2026; the values are the same
+    /// Version of a written SPZ: 3 for readers from before 2026; the values are the same
     #[arg(long, value_name = "3|4", default_value = "4", value_parser = spz_version)]
     spz_version: SpzVersion,
-    /// Where coordinates count from if the model lies far from its world's origin: a place near it, or the origin
+    /// Origin of coordinates if the model lies far from its world's origin
     #[arg(long, value_name = "WHERE", default_value = "local")]
     origin: Origin,
-    /// Bits of SH coefficients in an SPZ, 1 to 8: of band 1, and of the others if they differ [default: the fewest whose loss
-    /// pictures do not show]
+    /// Bits of SH coefficients in an SPZ, 1 to 8: of band 1, and of the others if they differ [default: as many as pictures
+    /// need]
     #[arg(long, value_name = "N[,N]", value_parser = values::sh_bits)]
     sh_bits: Option<SpzPrecision>,
-    /// Write so many levels of detail as streamed SOG: OUT is a lod-meta.json, in a folder of its own. Each level is merged to a third
-    /// of the Gaussians of the one before
+    /// Write N levels of detail as streamed SOG; OUT is a lod-meta.json in a folder of its own. Each level is merged to a third
+    /// of the Gaussians of the level before
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     lod: Option<u32>,
     /// Title of the page [default: the model's file name]
@@ -67,7 +67,7 @@ pub(super) struct Arguments {
     /// World axis that is up: x, y, z, -x, -y, -z, or auto (as in captures: -y)
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true, help_heading = "Pages (.html)")]
     up: Option<Up>,
-    /// Size of the page, such as 5MB: the best picture in so many bytes
+    /// Maximum size of the page, such as 5MB: find the page with the highest PSNR
     #[arg(long, value_name = "BYTES", value_parser = values::file_size, help_heading = "Pages (.html)")]
     size: Option<u64>,
     /// Scene whose first camera shows the model first [default: the whole model]
@@ -75,12 +75,12 @@ pub(super) struct Arguments {
     scene: Option<PathBuf>,
 }
 
-/// Where the coordinates of a model count from.
+/// Origin of the coordinates of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Origin {
-    /// A place near the model.
+    /// An origin near the model.
     Local,
-    /// The world's origin, however far.
+    /// The world's origin, at any distance.
     Keep,
 }
 
@@ -176,11 +176,11 @@ impl Arguments {
             return Err(Error::Usage(what.into()));
         }
         if self.size.is_some() && !is_page {
-            let what = "--size is for pages here; `qirf-vk compress` makes files of models of a wanted size";
+            let what = "--size applies only to pages here; for model files use `qirf-vk compress --size`";
             return Err(Error::Usage(what.into()));
         }
         if self.sh_bits.is_some() && !is_page && !has_extension(&self.output, "spz") {
-            return Err(Error::Usage("--sh-bits is for SPZ, and for pages, which hold one".into()));
+            return Err(Error::Usage("--sh-bits applies only to SPZ, and to pages, which contain one".into()));
         }
         if self.lod.is_some() != formats::is_levels(&self.output) {
             let what =

@@ -30,8 +30,8 @@ pub(super) struct Arguments {
     /// Print statistics of each kernel from the driver's compiler, such as registers, spills and code size; nothing is run
     #[arg(long)]
     kernels: bool,
-    /// Print the device's fingerprint: checksums of all that it computes for an embedded scene, which takes some seconds. On
-    /// devices with equal fingerprints, equal commands write equal bytes
+    /// Print the device's fingerprint, checksums of its results for an embedded scene (takes a few seconds). On devices with
+    /// equal fingerprints, equal commands write equal bytes
     #[arg(long, conflicts_with = "kernels")]
     fingerprint: bool,
     /// Measure which tuning trains fastest on this device, and store it for later runs; takes about SECONDS, 50 without a value

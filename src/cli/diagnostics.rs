@@ -29,7 +29,7 @@ fn same_file(a: &Path, b: &Path) -> bool {
 /// Writes a prune's diagnostics.
 pub(super) struct Recorder {
     file: PathBuf,
-    /// Where the model before the prune goes, if it is no file yet.
+    /// Path for the model before the prune, if it is not a file yet.
     model: Option<PathBuf>,
 }
 
@@ -49,7 +49,7 @@ impl Recorder {
         for path in [file, &model] {
             if path.is_dir() || taken.iter().any(|other| same_place(path, other) || same_file(path, other)) {
                 return Err(Error::Usage(format!(
-                    "{} is needed for something else; name another file",
+                    "{} is already used for another output; name another file",
                     path.display()
                 )));
             }

@@ -28,7 +28,7 @@ Photos are held out, scaled and scored as `qirf-vk run` does it: a run's model.p
 With --against, the model is scored against pictures of its original, from the views that `qirf-vk compress` holds out. Where \
 both are equal, PSNR is infinite, and the table says so.";
 
-/// Score a model of any format against a scene's held-out photos, or against another model's pictures.
+/// Score a model against held-out photos of a scene, or against another model's pictures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -39,7 +39,7 @@ pub(super) struct Arguments {
     /// Folder for metrics.json and renders/; created if absent
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Original of the model, before compression: its pictures are the truth, and no photos are needed
+    /// Original of the model, before compression, whose pictures replace the photos
     #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every"])]
     against: Option<PathBuf>,
     /// Configuration of a run, its config.toml, which names scene, photos and rendering; options on the command line take
@@ -63,7 +63,7 @@ pub(super) struct Arguments {
     /// size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Mask what is nearer than DEG degrees to straight down in panoramas [default: that of --config, else 0]
+    /// Mask everything within DEG degrees of straight down in panoramas [default: that of --config, else 0]
     #[arg(long, value_name = "DEG", help_heading = "Photos", value_parser = values::pole)]
     pole_mask: Option<f64>,
     /// Hold out every N-th photo for the scores [default: that of --config, else 8]

@@ -61,44 +61,44 @@ struct Global {
     /// [default: $QIRF_DEVICE, else the fastest kind available]
     #[arg(long, global = true, value_name = "NAME|INDEX|uuid:|pci:|free")]
     device: Option<String>,
-    /// Shapes of kernels: a class of devices (cpu, gpu, nvidia, ...), fields such as tile=8, or both, separated by commas
-    /// [default: $QIRF_TUNING, else what `qirf-vk device --tune` found, else those of the device's class]
+    /// Kernel parameters: a class of devices (cpu, gpu, nvidia, ...), fields such as tile=8, or both, separated by commas
+    /// [default: $QIRF_TUNING, else the result of `qirf-vk device --tune`, else those of the device's class]
     #[arg(long, global = true, value_name = "CLASS,FIELD=VALUE")]
     tuning: Option<TuningChoice>,
-    /// Longest work given to the device at a time, in milliseconds: for slow devices where the system resets a busy driver,
-    /// as Windows does after 2,000 [default: $QIRF_MAX_SUBMISSION, else no limit]
+    /// Maximum length of a submission to the device, in milliseconds: for slow devices on systems that reset a busy driver, as
+    /// Windows does after 2,000 [default: $QIRF_MAX_SUBMISSION, else no limit]
     #[arg(long, global = true, value_name = "MS")]
     max_submission: Option<Milliseconds>,
     /// Print only results and errors
     #[arg(short, long, global = true)]
     quiet: bool,
-    /// Print more details; repeat it (-vv) for still more
+    /// Print more details; -vv prints even more
     #[arg(short, long, global = true, action = ArgAction::Count, conflicts_with = "quiet")]
     verbose: u8,
-    /// When text is coloured
+    /// When to colour text
     #[arg(long, global = true, value_name = "WHEN", default_value = "auto", value_parser = values::one_of::<Colour>("a choice"))]
     color: Colour,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Train a scene: photos to a 3DGS model, its pictures and its figures
+    /// Train and prune a model from photos, a scene or a video
     Run(run::Arguments),
-    /// Compare ways of pruning a scene, all from one checkpoint
+    /// Compare pruning methods on a scene, all from one checkpoint
     Compare(compare::Arguments),
-    /// Measure what accuracy costs in time, along each axis of the engine
+    /// Measure accuracy against time along each axis of the engine
     Sweep(sweep::Arguments),
-    /// Score a model of any format against a scene's held-out photos, or against another model
+    /// Score a model against held-out photos of a scene, or against another model
     Eval(eval::Arguments),
-    /// Prune an existing model: keep the Gaussians that its pictures need
+    /// Prune an existing model, and write a smaller file
     Compress(compress::Arguments),
-    /// Divide a large compression, or a training in blocks, into tasks for one device in turn or for a cluster
+    /// Divide a large compression, or a training in blocks, into tasks for one device or a cluster
     Shard(shard::Arguments),
     /// Render pictures of a model, from a scene's cameras or on a circle around it
     Render(render::Arguments),
     /// Look at a model, a run or a capture in a browser
     View(view::Arguments),
-    /// Crop, move, turn, clean and merge models
+    /// Crop, move, rotate, clean and merge models
     Edit(edit::Arguments),
     /// Convert a model between file formats
     Convert(convert::Arguments),
@@ -106,11 +106,11 @@ enum Command {
     Inspect(inspect::Arguments),
     /// Estimate the camera poses of photos or of a video, with COLMAP or OpenMVG-rs
     Pose(pose::Arguments),
-    /// Make a synthetic capture: photos, cameras and points, without a download
+    /// Make a synthetic capture: ray-traced photos, cameras and points
     Synth(synth::Arguments),
     /// List the Vulkan devices, and which one would be used
     Device(device::Arguments),
-    /// Compare the device's results with the host's, number by number
+    /// Compare the device's results with those of the CPU
     Selftest(selftest::Arguments),
     /// Print completions for a shell
     Completions(completions::Arguments),

@@ -43,7 +43,7 @@ pub(super) struct OfScene {
     scene: PathBuf,
     #[command(flatten)]
     place: Place,
-    /// Number of blocks [default: the fewest that fit the device one at a time]
+    /// Number of blocks [default: the smallest number whose blocks fit on the device one at a time]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     blocks: Option<u16>,
     /// Train a dense model, and do not prune it
@@ -55,10 +55,10 @@ pub(super) struct OfScene {
     training: Training,
 }
 
-/// Where a plan goes, and what its tasks may take.
+/// Folder of a plan, and memory limit of its tasks.
 #[derive(Debug, clap::Args)]
 struct Place {
-    /// Folder of the plan and of its tasks' files
+    /// Folder for the plan and the files of its tasks
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Name of the model's file in that folder: .ply or .spz

@@ -21,7 +21,7 @@ resumes where it stopped. `qirf-vk run INPUT -o DIR` does the same into DIR/scen
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Folder of photos, which may lie in subfolders, or a video
+    /// Folder of photos, also in subfolders, or a video
     input: PathBuf,
     /// Folder for the scene: new, empty, or an earlier one of this command
     #[arg(short, long, value_name = "SCENE")]
@@ -45,11 +45,11 @@ pub(super) struct Posing {
     /// Largest number of frames to take from a video, at most two a second
     #[arg(long, value_name = "N", default_value_t = 150, help_heading = "Poses", value_parser = clap::value_parser!(u32).range(3..=100_000))]
     frames: u32,
-    /// Folders side by side hold what a rig's cameras took at once, under the same names: COLMAP 3.12 or newer keeps the cameras
-    /// together. A rig_config.json beside the photos, as COLMAP reads it, does so by itself
+    /// The photos come from a rig: each camera has a folder, and photos taken at the same time have the same name. Needs COLMAP
+    /// 3.12 or newer. A rig_config.json of COLMAP beside the photos has the same effect
     #[arg(long, help_heading = "Poses", conflicts_with = "panoramas")]
     rig: bool,
-    /// Photos or frames are panoramas of all directions (360°, equirectangular), which are cut into the faces of a cube
+    /// The photos or frames are equirectangular panoramas (360°); they are cut into the faces of a cube
     #[arg(long, help_heading = "Poses")]
     panoramas: bool,
 }

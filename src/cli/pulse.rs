@@ -1,4 +1,4 @@
-//! A sign of life where no bar can be drawn: a plain line every ten seconds.
+//! Progress without a terminal: a plain line every ten seconds.
 
 use super::console::Console;
 use std::io::{self, IsTerminal};

@@ -50,10 +50,10 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             Some(format!("restore {}, or plan again in a new folder", path.display()))
         }
         Error::Part { path, .. } => {
-            Some(format!("delete {} and run the job again: it does what is missing", path.display()))
+            Some(format!("delete {} and run the job again: it repeats the missing tasks", path.display()))
         }
         Error::Diagnostics { .. } => plain(
-            "give it with the model before its prune: the one that `compress` read, or the .ply that `run` wrote beside it",
+            "use it with the model before the prune: the input of `compress`, or the .ply that `run` wrote beside it",
         ),
         Error::LostPhoto { .. } => plain("restore the photo, or plan again in a new folder"),
         Error::OtherDevice { .. } => {
@@ -73,8 +73,8 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
 fn readable(cause: &io::Error) -> Option<String> {
     match cause.kind() {
         io::ErrorKind::NotFound => plain("check the path"),
-        io::ErrorKind::PermissionDenied => plain("get the permission to read it"),
-        io::ErrorKind::InvalidData => plain("it is not the text that it should be: check the path"),
+        io::ErrorKind::PermissionDenied => plain("check its permissions"),
+        io::ErrorKind::InvalidData => plain("it is not a UTF-8 text file: check the path"),
         _ => plain("check that it exists and that you may read it"),
     }
 }
@@ -82,14 +82,14 @@ fn readable(cause: &io::Error) -> Option<String> {
 /// Advice on a file or folder that cannot be written.
 fn writable(cause: &io::Error) -> Option<String> {
     match cause.kind() {
-        io::ErrorKind::NotFound => plain("create its folder, or name another place"),
+        io::ErrorKind::NotFound => plain("create its folder, or choose another path"),
         io::ErrorKind::PermissionDenied if cfg!(windows) => {
-            plain("close the program that has it open, get the permission to write there, or name another place")
+            plain("close the program that has it open, check its permissions, or choose another path")
         }
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
-            plain("get the permission to write there, or name another place")
+            plain("check its permissions, or choose another path")
         }
-        _ => plain("free some space, or name another place"),
+        _ => plain("free some space, or choose another path"),
     }
 }
 
@@ -107,10 +107,7 @@ fn other_kind(path: &Path) -> Option<String> {
         let [model, config] = ["model.ply", "config.toml"].map(|file| quoted(&path.join(file)));
         Some(format!("it is the folder of a run: its model is {model}, and {config} names its scene"))
     } else if path.join("plan.json").is_file() {
-        Some(format!(
-            "it is the folder of a divided job: `qirf-vk shard status {}` tells how far that is",
-            quoted(path)
-        ))
+        Some(format!("it is the folder of a divided job: `qirf-vk shard status {}` shows its state", quoted(path)))
     } else if Scene::find(path, &OpenOptions::default()).is_ok() {
         Some(format!("it is a scene: give a model, or train one with `qirf-vk run {} -o DIR`", quoted(path)))
     } else {
@@ -131,7 +128,7 @@ fn device(error: &gpu::Error) -> Option<String> {
         gpu::Error::NoLoader(_) => plain("install it (Debian and Ubuntu: libvulkan1, or run tools/setup)"),
         gpu::Error::NoDriver => plain(
             "install your GPU's driver, or mesa-vulkan-drivers for a software device; NVIDIA's also needs libglvnd0 (libGLdispatch.so.0) \
-             and, in a container, NVIDIA_DRIVER_CAPABILITIES=all; VK_LOADER_DEBUG=error tells which drivers were tried",
+             and, in a container, NVIDIA_DRIVER_CAPABILITIES=all; VK_LOADER_DEBUG=error lists the drivers that were tried",
         ),
         gpu::Error::NoDevice => plain("install your GPU's driver, or mesa-vulkan-drivers for a software device"),
         gpu::Error::MissingFeature { .. } => plain("choose another device with --device, or update its driver"),
@@ -146,7 +143,7 @@ fn device(error: &gpu::Error) -> Option<String> {
             plain("end other programs that use it, or use fewer Gaussians, a smaller image, or another device")
         }
         gpu::Error::Lost(_) => plain(
-            "give the same command again, with --resume where it has that; if it happens again, try a newer driver, a \
+            "run the same command again, with --resume if it has this option; if it fails again, try a newer driver, a \
              longer watchdog of the driver, a smaller --resolution, or another --device",
         ),
         gpu::Error::NoFreeDevice { .. } => plain("wait for one of them, or choose a device with --device"),
@@ -220,7 +217,7 @@ fn scores(error: &metrics::Error) -> Option<String> {
     match error {
         metrics::Error::Sizes(..) => plain("render at the photo's size"),
         metrics::Error::Read { .. } => plain("check --lpips-weights, or run tools/lpips-weights"),
-        metrics::Error::Weights { .. } => plain("make the file anew with tools/lpips-weights"),
+        metrics::Error::Weights { .. } => plain("create the file again with tools/lpips-weights"),
         metrics::Error::Pixels { .. } | metrics::Error::TooSmall { .. } => None,
     }
 }
@@ -240,7 +237,7 @@ fn smaller(relief: Relief) -> String {
         ""
     };
     format!(
-        "give{first} a smaller --resolution, a larger --memory-budget where there is one, or another --device{divided}"
+        "give{first} a smaller --resolution, a larger --memory-budget (if it was set), or another --device{divided}"
     )
 }
 

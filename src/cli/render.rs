@@ -54,17 +54,17 @@ pub(super) struct Arguments {
     /// Number of cameras on a circle around the model
     #[arg(long, value_name = "N", help_heading = "Cameras", value_parser = clap::value_parser!(u32).range(1..=100_000), conflicts_with = "scene")]
     orbit: Option<u32>,
-    /// Frames on a smooth path: orbit, once around the model; capture, along the cameras of --scene in their order; or through the
-    /// cameras in a file
+    /// Render frames along a smooth path: orbit, once around the model; capture, along the cameras of --scene in their order;
+    /// or a file with cameras
     #[arg(long, value_name = "orbit|capture|FILE", help_heading = "Cameras", conflicts_with_all = ["orbit", "panorama"])]
     path: Option<PathBuf>,
     /// Frames of a path [default: 240; the file's, for a camera path of nerfstudio]
     #[arg(long, value_name = "N", help_heading = "Cameras", requires = "path", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     frames: Option<u32>,
-    /// A picture of all directions (equirectangular), from the middle of the scene's cameras or of the model
+    /// Render an equirectangular panorama from the middle of the scene's cameras or of the model
     #[arg(long, help_heading = "Cameras", conflicts_with = "orbit")]
     panorama: bool,
-    /// Place that a panorama is taken from
+    /// Position of the camera of a panorama
     #[arg(long, value_name = "X,Y,Z", help_heading = "Cameras", requires = "panorama", value_parser = values::point, allow_hyphen_values = true)]
     at: Option<DVec3>,
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
@@ -82,7 +82,7 @@ pub(super) struct Arguments {
     /// Height of an orbit above the horizon, in degrees [default: 15]
     #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with = "scene", allow_negative_numbers = true)]
     elevation: Option<f64>,
-    /// World axis that is up in an orbit: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
+    /// Up axis of an orbit: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
     /// Folder for the pictures, created if absent; a film.mp4 of a path, which needs ffmpeg; the .png or .npy file of a panorama
@@ -175,26 +175,26 @@ impl Arguments {
     fn check(&self) -> Result<(), Error> {
         let refuse = |what: &str| Err(Error::Usage(what.to_owned()));
         if self.frames.is_some() && self.path.is_none() {
-            return refuse("--frames goes with --path");
+            return refuse("--frames needs --path");
         }
         let capture = self.path.as_deref() == Some(Path::new("capture"));
         if capture && self.scene.is_none() {
-            return refuse("--path capture goes along the cameras of a scene: add --scene SCENE");
+            return refuse("--path capture follows the cameras of a scene: add --scene SCENE");
         }
         if self.scene.is_some() && self.path.is_some() && !capture {
-            return refuse("--scene goes with --path capture, or without --path");
+            return refuse("--scene needs --path capture, or no --path");
         }
         if self.scene.is_some() && !self.panorama && (self.size.is_some() || self.up.is_some()) {
-            return refuse("a scene's cameras have their own --size and --up; --resolution scales them");
+            return refuse("--size and --up do not apply to a scene's cameras; use --resolution");
         }
         if self.depth && (self.is_film() || self.panorama) {
-            return refuse("--depth goes with pictures, neither with a film nor with a panorama");
+            return refuse("--depth works with pictures, not with films or panoramas");
         }
         if self.is_film() {
             return if self.path.is_none() {
-                refuse("a film needs a --path")
+                refuse("a film needs --path")
             } else if self.format == Format::Npy || self.transparent {
-                refuse("a film has neither --transparent nor --format npy")
+                refuse("a film cannot be written with --transparent or --format npy")
             } else {
                 Ok(())
             };
@@ -208,7 +208,7 @@ impl Arguments {
         }
         check_folder(&self.output)?;
         if self.transparent && self.format == Format::Npy {
-            return refuse("--transparent is for PNG; npy files always hold alpha");
+            return refuse("--transparent applies only to PNG; npy files always contain alpha");
         }
         Ok(())
     }

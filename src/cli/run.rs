@@ -37,11 +37,11 @@ const EXAMPLES: &str = "Examples:
 
 The folder holds model.ply, report.html, metrics.json, log.jsonl, renders/ and config.toml, which reproduces the run.
 
-Options for experiments, such as --solver, are in `qirf-vk compare --help`; run takes them, too.
+`qirf-vk compare --help` lists options for experiments, such as --solver, which `run` also accepts.
 
-Photos without poses, and videos, first get poses as by `qirf-vk pose`; their scene is then in the folder's scene/.";
+For photos without poses and for videos, `run` first estimates poses as `qirf-vk pose` does, and writes the scene to the folder's scene/.";
 
-/// Train a scene: photos to a 3DGS model, its pictures and its figures.
+/// Train and prune a model from photos, a scene or a video.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 #[expect(clippy::struct_excessive_bools, reason = "options, each on its own")]
@@ -61,7 +61,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     resume: bool,
     /// Configuration of an earlier run, its config.toml, in place of the scene and all other options of the run. Its learning
-    /// rates fit its number of iterations: to change one by hand, change both
+    /// rates depend on its number of iterations: if you edit one of them, edit both
     #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "Posing", "no_prune"])]
     config: Option<PathBuf>,
     #[command(flatten)]
@@ -72,18 +72,18 @@ pub(super) struct Arguments {
     resources: Resources,
     #[command(flatten)]
     watched: Watched,
-    /// Write what the last prune did with each Gaussian, its score and its block to this file, and the model before that prune
-    /// beside it as .ply: `qirf-vk view` shows both. The file's name ends in .safetensors
+    /// Write the decision, score and block of each Gaussian at the last prune to this .safetensors file, and the model before
+    /// that prune to a .ply beside it, for `qirf-vk view`
     #[arg(long, value_name = "FILE", conflicts_with = "no_prune", value_parser = diagnostics::file)]
     diagnostics: Option<PathBuf>,
-    /// Remove floaters in the end, before the scores and the report: Gaussians that the photos want gone, or that hang alone
+    /// Remove floaters at the end, before the scores and the report: Gaussians in empty space, or that the photos disagree with
     #[arg(long, conflicts_with = "config")]
     clean: bool,
-    /// Also write model.sog, the best picture in so many bytes, such as 5MB, judged by the photos. It is made from the trained model: with
-    /// a large size, a larger --keep is better
+    /// Also write model.sog, the file of at most this size, such as 5MB, with the highest PSNR against the photos. It is made
+    /// from the pruned model: for a large size, use a larger --keep
     #[arg(long, value_name = "BYTES", value_parser = values::file_size)]
     size: Option<u64>,
-    /// Put the model into report.html, to look around in: the page grows by the size of an SPZ and a third
+    /// Embed a viewer with the model in report.html; the page grows by 4/3 of the size of the SPZ
     #[arg(long)]
     with_model: bool,
     /// Write no report.html
@@ -92,7 +92,7 @@ pub(super) struct Arguments {
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
-    /// Print a line of JSON on standard output now and then while training, the same as in the folder's log.jsonl, and nothing else
+    /// Print progress as lines of JSON on standard output, the same as in the folder's log.jsonl, and nothing else
     #[arg(long, conflicts_with = "json")]
     json_progress: bool,
 }
@@ -141,11 +141,11 @@ impl Arguments {
         self.report(console, &record, (packed.as_ref(), &output))
     }
 
-    /// Where diagnostics go: away from the run's own files and its initial model.
+    /// Path of the diagnostics, which must differ from the run's own files and its initial model.
     fn recorder(&self, config: &RunConfig) -> Result<Option<Recorder>, Error> {
         let Some(file) = &self.diagnostics else { return Ok(None) };
         if config.prune.is_none() {
-            return Err(Error::Usage("--diagnostics tell of a prune, and this run has none".to_owned()));
+            return Err(Error::Usage("--diagnostics describes a prune, but this run does not prune".to_owned()));
         }
         let [model, checkpoint] = ["model.ply", "checkpoint.safetensors"].map(|name| self.output.join(name));
         let mut taken: Vec<&Path> = vec![&model, &checkpoint];
@@ -267,7 +267,7 @@ impl Arguments {
     }
 }
 
-/// Packs the trained model into at most so many bytes, by the run's photos.
+/// Packs the trained model into a file of at most this many bytes, compared by the run's photos.
 fn pack(session: &Session<'_>, config: &RunConfig, output: &Output, size: u64) -> Result<CompressRecord, Error> {
     let path = output.model();
     let loaded = formats::read(&path)?;

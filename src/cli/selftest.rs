@@ -17,7 +17,7 @@ Every kernel runs on embedded hard cases, and its results are compared with know
 float64. An error that exceeds its bound so little that this device's rounding explains it is a warning. The exit code is 4 if \
 any result is wrong.";
 
-/// Compare the device's results with the host's, number by number.
+/// Compare the device's results with those of the CPU.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -92,7 +92,7 @@ fn under_way(cases: &[&Case]) -> String {
     format!("checking {}", names.join("; "))
 }
 
-/// How many checks passed, exceed their bounds by rounding, and are wrong.
+/// Numbers of checks that passed, that exceed their bounds by rounding, and that failed.
 fn counts(checks: &[Check]) -> [usize; 3] {
     [Verdict::Pass, Verdict::Rounding, Verdict::Wrong].map(|v| checks.iter().filter(|c| c.verdict == v).count())
 }

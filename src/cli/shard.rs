@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
 The model is big/model.ply. It does not depend on the number of processes that did the tasks, on their order, or on interruptions. \
 A compression gives the bytes that `qirf-vk compress` would have written.";
 
-/// Divide a large compression, or a training in blocks, into tasks for one device in turn or for a cluster
+/// Divide a large compression, or a training in blocks, into tasks for one device or a cluster
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -37,13 +37,13 @@ enum Command {
     /// Plan a job: write plan.json, tasks.json and a Snakefile
     #[command(subcommand)]
     Plan(Planned),
-    /// Do all tasks that are missing, one after the other
+    /// Run all missing tasks, one after the other
     All(Work),
-    /// Do one task; a workflow engine such as Snakemake calls this
+    /// Run one task; a workflow engine such as Snakemake calls this
     Task(TaskArguments),
     /// Show which tasks are done, running, missing or damaged
     Status(StatusArguments),
-    /// Do some tasks again and compare the bytes, which finds a bad device, disk or driver
+    /// Repeat some tasks and compare the bytes, to find a faulty device, disk or driver
     Verify(VerifyArguments),
 }
 
@@ -63,7 +63,7 @@ struct Work {
 struct TaskArguments {
     #[command(flatten)]
     work: Work,
-    /// Task, as tasks.json names it, such as evidence/0003
+    /// Name of the task in tasks.json, such as evidence/0003
     #[arg(value_name = "TASK")]
     task: Task,
 }
@@ -109,7 +109,7 @@ impl Arguments {
     }
 }
 
-/// Where the results are.
+/// The folder of the results.
 fn done(console: &Console, shard: &Shard, folder: &Path) -> Result<(), Error> {
     console.print(format_args!("model      {}", folder.join(&shard.plan().output).display()))?;
     console.print(format_args!("figures    {}", folder.join("metrics.json").display()))

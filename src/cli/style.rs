@@ -18,8 +18,8 @@ pub struct Rendering {
     /// files do not record [default: 0.1 for anti-aliased models, 0.3 for others]
     #[arg(long, value_name = "0.1|0.3", help_heading = "Rendering", value_parser = values::dilation)]
     dilation: Option<f32>,
-    /// Sort Gaussians by depth in each tile of the picture, as models trained with depth_order need it; nothing then pops
-    /// into view as the camera turns
+    /// Sort Gaussians by depth in each tile of the picture, for models trained with depth_order; this avoids popping when the
+    /// camera turns
     #[arg(long, help_heading = "Rendering")]
     depth_order: bool,
 }

@@ -80,17 +80,17 @@ impl Arguments {
         let scene = is_scene(&self.path);
         if let Some(heavy) = asked.iter().find(|a| a.axis.heavy() && !scene) {
             return Err(Error::Usage(format!(
-                "axis {} trains, and {} is no scene: name a folder of photos with poses",
+                "axis {} trains, but {} is not a scene: name a folder of photos with poses",
                 heavy.axis.name(),
                 self.path.display()
             )));
         }
         if !scene && self.model.is_some() {
-            return Err(Error::Usage("--model goes with a scene, whose cameras it is seen from".to_owned()));
+            return Err(Error::Usage("--model needs a scene, whose cameras show it".to_owned()));
         }
         if scene && (self.size.is_some() || self.up.is_some()) {
             return Err(Error::Usage(
-                "--size and --up belong to cameras around a model; a scene has its own, in the size of --resolution"
+                "--size and --up apply to virtual cameras around a model; a scene has cameras, and --resolution sets their size"
                     .to_owned(),
             ));
         }

@@ -35,7 +35,7 @@ pub(super) struct Arguments {
     /// Largest number of points in the capture
     #[arg(long, value_name = "N", default_value_t = SynthOptions::default().points, value_parser = values::whole::<usize>)]
     points: usize,
-    /// Also write depth/*.npy: what lies at the middle of each pixel, along the camera's axis, or along the ray of a panorama's
+    /// Also write depth/*.npy: the depth at the centre of each pixel, along the camera's axis, or along the ray in panoramas
     #[arg(long)]
     depth: bool,
     /// Effects that the scene calls for, separated by commas; --help lists them [default: none]

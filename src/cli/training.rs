@@ -43,8 +43,8 @@ pub(super) struct Training {
     /// Largest number of Gaussians
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
     max_gaussians: u32,
-    /// Number of Gaussians to which the model grows before the prune. auto: a number that follows from the photos' pixels and
-    /// the iterations; thresholds: no fixed number, Gaussians with large gradients are split [default: auto; preset paper:
+    /// Number of Gaussians to which the model grows before the prune. auto: a number computed from the photos' pixels and the
+    /// iterations; thresholds: no fixed number, Gaussians with large gradients are split [default: auto; preset paper:
     /// thresholds]
     #[arg(long, value_name = "N|auto|thresholds", value_parser = values::growth, help_heading = "Training")]
     grow_to: Option<GrowTo>,
@@ -53,8 +53,8 @@ pub(super) struct Training {
     #[arg(long, value_name = "on|off", help_heading = "Effects", num_args = 0..=1, require_equals = true,
         default_missing_value = "on", value_parser = values::switch())]
     antialias: Option<bool>,
-    /// Variance added to every splat, in square pixels; with --antialias, viewers like PlayCanvas's expect 0.3, which no file
-    /// records [default: 0.1 with anti-aliasing, 0.3 without]
+    /// Variance added to every splat, in square pixels; for anti-aliased models, viewers such as PlayCanvas's expect 0.3, which
+    /// no file records [default: 0.1 with anti-aliasing, 0.3 without]
     #[arg(long, value_name = "0.1|0.3", help_heading = "Effects", value_parser = values::dilation)]
     dilation: Option<f32>,
     // Its help lists the effects.
@@ -72,11 +72,11 @@ pub(super) struct Training {
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Depth maps with the photos' names, whose points training starts from, too: .npy, 16-bit .png in thousandths of a unit, .exr
-    /// [default: the scene's own, if its transforms.json names some]
+    /// Folder of depth maps with the photos' names, for initial points and the depth loss: .npy, 16-bit .png in thousandths of
+    /// a unit, .exr [default: the scene's own, if its transforms.json names some]
     #[arg(long, value_name = "DIR", help_heading = "Photos")]
     depth: Option<PathBuf>,
-    /// Mask what is nearer than DEG degrees to straight down in panoramas: the tripod, or who held the camera
+    /// Mask everything within DEG degrees of straight down in panoramas, such as the tripod or the photographer
     #[arg(long, value_name = "DEG", default_value = "0", help_heading = "Photos", value_parser = values::pole)]
     pole_mask: f64,
     /// Hold out every N-th photo for the scores; 0 holds out none
@@ -97,8 +97,8 @@ fn effects() -> String {
 /// One prune, or several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Steps {
-    /// From half the run on, growing pressure lets Gaussians fade until the number to keep is left; at 3/4 of the run at the
-    /// latest the rest is cut, and learning rates are raised again
+    /// From half the run on, growing pressure on opacities lets Gaussians fade until the number to keep is left; at 3/4 of the
+    /// run at the latest, the model is cut to that number. Then learning rates are raised again
     Attrition,
     /// Once, at half the run
     OneShot,

@@ -133,7 +133,7 @@ pub(super) enum GrowTo {
     Auto,
     /// On a plan, to this number.
     Number(u32),
-    /// As many as have gradients above the thresholds.
+    /// Growth by the thresholds of gradients.
     Thresholds,
 }
 

@@ -43,12 +43,13 @@ const PATIENCE: Duration = Duration::from_millis(100);
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
-    /// Subject: a model, the folder of a run, or a scene
+    /// A model, the folder of a run, or a scene
     subject: PathBuf,
     /// Second model; a slider compares both
     #[arg(long, value_name = "MODEL")]
     against: Option<PathBuf>,
-    /// File that `compress` or `run` wrote about a prune of this model: pictures show what it kept, scores, blocks and guards
+    /// Diagnostics of a prune of this model, from `compress` or `run`: the viewer shows kept Gaussians, scores, blocks and
+    /// guards
     #[arg(long, value_name = "FILE")]
     diagnostics: Option<PathBuf>,
     /// Scene whose cameras and photos are shown [default: the run's]
@@ -58,7 +59,7 @@ pub(super) struct Arguments {
     /// else 640]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution)]
     resolution: Option<Resize>,
-    /// World axis that is up where there are no photos: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
+    /// Up axis if there are no photos: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
     /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: the
@@ -71,7 +72,7 @@ pub(super) struct Arguments {
     address: Address,
 }
 
-/// Where a viewer listens.
+/// Address on which a viewer listens.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Address {
     /// Port that the viewer listens on [default: any free one]
@@ -103,7 +104,7 @@ impl Address {
 /// Whether browsers watch a run.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Watched {
-    /// Let browsers watch the training, pause it and stop it, at the address that is printed
+    /// Serve a viewer at the printed address; it shows the training, and can pause and stop it
     #[arg(long, help_heading = "Viewer")]
     pub view: bool,
     #[command(flatten)]
@@ -114,7 +115,7 @@ impl Watched {
     /// Refuses an address that nothing listens on.
     pub fn check(&self) -> Result<(), Error> {
         let unused = !self.view && (self.address.port != 0 || self.address.host != Ipv4Addr::LOCALHOST);
-        if unused { Err(Error::Usage("--port and --host are for --view; add it".into())) } else { Ok(()) }
+        if unused { Err(Error::Usage("--port and --host need --view".into())) } else { Ok(()) }
     }
 
     /// Does a job, and lets browsers watch the subject if there is one.

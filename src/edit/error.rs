@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A matrix that is no similarity: Gaussians would stay Gaussians, but their colours are functions of directions, which it bends.
-    #[error("the matrix scales its axes by {:.6}, {:.6} and {:.6}, or shears: give one that turns, moves and scales all axes alike", .0[0], .0[1], .0[2])]
+    #[error("the matrix scales its axes by {:.6}, {:.6} and {:.6}, or shears: use only rotations, reflections, translations and a uniform scale", .0[0], .0[1], .0[2])]
     NotSimilar([f64; 3]),
     /// A matrix or vector without the numbers that it needs.
     #[error("{0}")]

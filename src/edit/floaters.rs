@@ -1,4 +1,4 @@
-//! Floaters: Gaussians that hang where nothing is, told by what photos show of them.
+//! Floaters: detection of Gaussians in empty space by their appearance in photos.
 
 use crate::gaussians::{Gaussians, opacity};
 use crate::response::Score;
@@ -8,27 +8,27 @@ use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
 
-/// Weight in a pixel, T alpha, from which on a photo sees a Gaussian: a step of eight bits.
+/// Minimum weight in a pixel, T alpha, for a photo to see a Gaussian: a step of eight bits.
 const STEP: f32 = 1.0 / 255.0;
-/// A Gaussian that photos want gone by this share or more disagrees with them: at 0.5 they are as far from the picture without it.
+/// Minimum share of a Gaussian's change that reduces the residual, for photos to disagree with it. At 0.5 the error without it
+/// is the same.
 const GONE: f64 = 0.6;
-/// Share of the photos that see it which must be nearer to the picture without it.
+/// Minimum share of the photos that see it whose error is smaller without it.
 const AGREED: f64 = 0.5;
-/// How much nearer the photos must be to the pictures without a Gaussian, round by round: by the median change that the removal of a
-/// Gaussian makes, times the square of its distance to others. The worst go first: what stands behind a floater shares the blame for it
-/// until that is gone, but is in company.
+/// Minimum gain by a Gaussian's removal in each round: in median changes of all removals, times the square of its distance to
+/// others. The worst are removed first, because Gaussians behind a floater have a residual until it is removed.
 const ROUNDS: [f64; 6] = [4096.0, 1024.0, 256.0, 64.0, 16.0, 4.0];
-/// A Gaussian that photos do not need is alone from this distance to others on,
+/// Minimum distance to others of an isolated Gaussian that photos do not need,
 const ALONE: f64 = 2.5;
-/// and from this one on, times its opacity: a faint one is no floater.
+/// and the minimum of this distance times its opacity: faint Gaussians are not floaters.
 const SOLID: f64 = 1.4;
-/// Without photos, any is alone from this one on, times its opacity.
+/// Minimum distance times opacity of an isolated Gaussian without photos.
 const LONELY: f64 = 10.0;
 /// Largest loss of the photos by the removal of a Gaussian that they do not need, in median changes.
 const FREE: f64 = 0.2;
 /// A Gaussian is near a camera if its depth is below this share of the photo's median depth.
 const NEAR: f32 = 0.25;
-/// A Gaussian shows near one camera only if that photo has this share of all that photos show of it.
+/// Minimum share of a Gaussian's contribution in one photo, for it to be near that camera only.
 const ONE: f32 = 0.9;
 
 /// Evidence about a Gaussian from photos, or from pictures of the model.
@@ -36,50 +36,50 @@ const ONE: f32 = 0.9;
 pub struct Sight {
     /// Sum of its weights T alpha over all pixels of all photos.
     pub shown: f32,
-    /// The largest part of that in one photo.
+    /// The largest share of this sum in one photo.
     pub most: f32,
-    /// Depth in that photo, by the photo's median depth.
+    /// Depth in that photo, relative to the photo's median depth.
     pub depth: f32,
     /// Sum of the squared changes of pixels if it is removed.
     pub change: f32,
-    /// Sum of these changes' products with the residual: by `change`, the share of it that the photos want gone.
+    /// Sum of the products of these changes with the residual.
     pub along: f32,
     /// Photos that see it.
     pub photos: u32,
-    /// Of these, photos that are nearer to the picture without it.
+    /// Of these, photos with a smaller error without it.
     pub against: u32,
 }
 
 impl Sight {
-    /// True if the photos that see it want it gone.
+    /// True if the photos that see it disagree with it.
     fn disagrees(&self) -> bool {
         let agreed = f64::from(self.against) >= AGREED * f64::from(self.photos);
         self.photos > 0 && agreed && f64::from(self.along) >= GONE * f64::from(self.change)
     }
 
-    /// How much farther the photos are from the pictures without it: a sum of squares, negative if they come nearer.
+    /// Increase of the squared error by its removal; negative if the error falls.
     fn cost(&self) -> f64 {
         f64::from(self.change) - 2.0 * f64::from(self.along)
     }
 
-    /// How much nearer they come, times the square of its distance to others.
+    /// Decrease of the squared error by its removal, times the square of its distance to others.
     fn blame(&self, distance: f64) -> f64 {
         -self.cost() * distance.powi(2)
     }
 }
 
-/// What gives a floater away.
+/// The rule by which a Gaussian is a floater.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
-    /// The photos that see it want it gone.
+    /// The photos that see it disagree with it.
     Disagrees,
-    /// It shows near one camera only.
+    /// It is close to a single camera.
     NearOne,
-    /// No photo needs it, and nothing is near it; without photos, nothing is near it.
+    /// No photo needs it (if there are photos), and it is isolated.
     Alone,
 }
 
-/// What a set of photos shows of each Gaussian of a model.
+/// Evidence of a set of photos on each Gaussian of a model.
 #[derive(Clone, Debug, Default)]
 pub struct Evidence {
     /// By Gaussian, n.
@@ -91,7 +91,7 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Of no photo; `compared` if there will be photos, and not pictures of the model itself.
+    /// Evidence of no photo yet; `compared` if photos will be added, and not pictures of the model itself.
     pub fn new(gaussians: usize, compared: bool) -> Self {
         Self { sights: vec![Sight::default(); gaussians], photos: 0, compared }
     }
@@ -203,8 +203,8 @@ impl<'a> Neighbours<'a> {
         Self { model, tree: RTree::bulk_load(all.collect()) }
     }
 
-    /// How far a Gaussian is from others: distance of its third neighbour by the standard deviation of its longest axis; 0 without
-    /// one, or at no place.
+    /// Distance of a Gaussian from others: the distance of its third neighbour divided by the standard deviation of its longest
+    /// axis; 0 without such a neighbour or with a mean that is not finite.
     fn distance(&self, i: usize) -> f64 {
         const THIRD: usize = 2;
         if !self.model.means[i].iter().all(|x| x.is_finite()) {

@@ -1,4 +1,4 @@
-//! Floor 7: edits of whole models, for use on the host: crops, moves, removals, orders, merging.
+//! Edits of whole models on the host: crops, translations, rotations, removals, orders, merging.
 //!
 //! ```
 //! use qirf_vk::edit::{Edit, Region, Similarity};

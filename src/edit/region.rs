@@ -22,7 +22,7 @@ pub enum Region {
         /// Its radius in world units.
         radius: f64,
     },
-    /// What at least so many cameras have in their pictures, whether something hides it or not.
+    /// Positions in the view of at least this many cameras, occluded or not.
     Views {
         /// The cameras.
         cameras: Vec<Camera>,

@@ -1,4 +1,4 @@
-//! Similarities: turns, mirrors, moves, and scaling of all axes alike.
+//! Similarities: rotations, reflections, translations, and uniform scaling.
 
 use super::Error;
 use glam::{DMat3, DQuat, DVec3};

@@ -1,4 +1,4 @@
-//! Gaussians that a model can do without by their own values: faint, huge, invisible, needles.
+//! Removal of Gaussians by their own values: faint, huge, invisible, needles.
 
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ pub const NEEDLE: f64 = 100.0;
 pub enum Unwanted {
     /// Those that no pixel of any picture can show: of an opacity below [`INVISIBLE`], or with values that the projection leaves out.
     Invisible,
-    /// Those whose longest axis is so many times as long as the middle one.
+    /// Gaussians whose longest axis is this many times as long as the middle one.
     Needles(f64),
 }
 

@@ -40,9 +40,9 @@ pub enum Trigger {
     Measure,
     /// The photos have a property, such as masks, without which there is nothing to simulate.
     Photos,
-    /// None: the effect is on at the user's request only.
+    /// No measure: the effect is on only at the user's request.
     Request,
-    /// None: the effect costs nothing and is always simulated.
+    /// No measure: the effect costs nothing and is always simulated.
     Always,
 }
 

@@ -61,7 +61,7 @@ pub(super) struct Context {
     pub counters: Counters,
     /// Whether nothing is ever submitted.
     pub compile_only: bool,
-    /// Where submissions are limited.
+    /// The limit on the length of submissions.
     pub pace: Option<Pace>,
     pub executables: Option<khr::pipeline_executable_properties::Device>,
     pub compiled: Mutex<Vec<Compiled>>,

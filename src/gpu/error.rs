@@ -71,7 +71,7 @@ pub enum Error {
         feature: String,
     },
     /// The driver computes wrong results.
-    #[error("the driver of {device} ({driver}) is not to be trusted: {what}")]
+    #[error("the driver of {device} ({driver}) is unreliable: {what}")]
     Driver {
         /// Name of the device.
         device: String,
@@ -124,7 +124,7 @@ pub enum Error {
     },
     /// The device stopped answering in this call.
     #[error(
-        "the device was lost during {0}: its driver reset it (it crashed, hung, or took longer over one piece of work than the driver allows), or it was taken away; the system's log tells more"
+        "the device was lost during {0}: its driver reset it (it crashed, hung, or ran one submission for longer than the driver allows), or it was removed; the system's log has details"
     )]
     Lost(&'static str),
     /// Any other Vulkan error.

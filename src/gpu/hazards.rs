@@ -8,7 +8,7 @@
 use ash::vk;
 use rustc_hash::FxHashMap;
 
-/// How a command uses a buffer.
+/// The use of a buffer by a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Use {
     /// A kernel reads it.

@@ -7,7 +7,7 @@ use rustc_hash::FxHashMap;
 use std::sync::Mutex;
 use std::time::Duration;
 
-/// How much of a kernel's longest dispatch counts after each shorter one.
+/// Decay of a kernel's longest time after each shorter dispatch.
 const MEMORY: f64 = 0.9;
 
 /// The longest time of a submission, and what is known of kernels.
@@ -47,7 +47,7 @@ impl Pace {
             let (expected, longest) = known.kernels.entry(kernel).or_default();
             if seconds > self.limit && *longest <= self.limit {
                 tracing::warn!(
-                    "the kernel {kernel} alone took {:.0} ms, longer than --max-submission allows: one dispatch is never cut",
+                    "the kernel {kernel} alone took {:.0} ms, longer than --max-submission: a dispatch cannot be divided",
                     seconds * 1e3
                 );
             }

@@ -155,7 +155,7 @@ fn bytes(device: &Device, config: &RunConfig, fixed: &TrainerNeeds, gaussians: u
     Trainer::bytes(device, &needs)
 }
 
-/// Where a job has its model.
+/// Location of a job's model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Place {
     /// True if the device holds all of it; else it stays on the host, and the device gets what each picture shows.
@@ -202,7 +202,7 @@ fn check_picture([width, height]: [u32; 2]) -> Result<(), Error> {
     }
 }
 
-/// Where a model is while pictures of at most `size` are drawn of it.
+/// Location of a model while pictures of at most `size` are drawn.
 ///
 /// # Errors
 /// [`Error::Memory`] if the device has no room for the smallest part.
@@ -231,7 +231,7 @@ pub struct CompressNeeds {
     pub photos: Vec<u64>,
     /// True if the photos have masks.
     pub masked: bool,
-    /// What the pass over the views gathers.
+    /// The data that the pass over the views gathers.
     pub wanted: Wanted,
     /// Solver of the blocks.
     pub solver: Eigensolver,
@@ -242,14 +242,14 @@ pub struct CompressNeeds {
 }
 
 impl CompressNeeds {
-    /// Those of a pass over a scene's photos that gathers nothing yet.
+    /// The data of a pass over a scene's photos that gathers nothing yet.
     pub fn of_photos(opened: &Opened) -> Self {
         let photos = opened.train_pixels().iter().map(|pixels| 4 * pixels).collect();
         Self { size: opened.size(), photos, masked: opened.scene.has_masks(), ..Self::default() }
     }
 }
 
-/// Where the model is in a compression: whole on the device if all stages have room for it there, fine-tuning excepted.
+/// Location of the model in a compression: on the device if it fits there in all stages except fine-tuning.
 ///
 /// # Errors
 /// As [`for_run`]: blocks that are solved, and Gaussians that are fine-tuned, must be on the device at once.

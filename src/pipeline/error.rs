@@ -108,7 +108,7 @@ pub enum Error {
     #[error(transparent)]
     Metrics(#[from] crate::metrics::Error),
     /// The device computes wrong numbers.
-    #[error("{failed} of {checks} checks failed on {device} ({driver}), in {rooms}: its results are not to be trusted")]
+    #[error("{failed} of {checks} checks failed on {device} ({driver}), in {rooms}: its results cannot be trusted")]
     SelfTest {
         /// Checks that failed.
         failed: usize,
@@ -136,9 +136,9 @@ pub enum Error {
         changes: Vec<String>,
     },
     /// A new run would overwrite the checkpoint of an interrupted one.
-    #[error("{} is of an interrupted run, which this one would overwrite", .0.display())]
+    #[error("{} belongs to an interrupted run, which this run would overwrite", .0.display())]
     Unfinished(PathBuf),
-    /// A picture that would be written among a scene's own photos.
+    /// A picture that would be written into a photo folder of its scene.
     #[error("{} would lie among the scene's own photos", .0.display())]
     AmongPhotos(PathBuf),
     /// None of these programs is installed.
@@ -149,7 +149,7 @@ pub enum Error {
     Program {
         /// The program.
         program: &'static str,
-        /// How it ended.
+        /// Its exit status.
         ended: String,
         /// The last line that it wrote.
         last: String,
@@ -169,7 +169,7 @@ pub enum Error {
     Part {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         what: String,
         /// The task that writes it.
         task: String,
@@ -179,7 +179,7 @@ pub enum Error {
     Diagnostics {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         what: String,
     },
     /// A planned job needs a photo that cannot be read any more.

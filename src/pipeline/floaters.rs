@@ -48,7 +48,7 @@ impl fmt::Display for FloaterCounts {
     }
 }
 
-/// What gives each Gaussian of a model away as a floater, if anything does, by the photos of a scene that are not held out.
+/// The rule by which each Gaussian of a model is a floater, if any, by the training photos of a scene.
 pub fn by_photos(
     session: &Session<'_>,
     model: &Gaussians,
@@ -89,7 +89,7 @@ pub fn by_photos(
     Ok(found)
 }
 
-/// What photos show of a model.
+/// Evidence of photos on a model.
 fn of_photos(
     session: &Session<'_>,
     (model, source): (&Gaussians, Source<'_>),

@@ -1,4 +1,4 @@
-//! The kernels of a run: made, but not run, to see what a device's compiler makes of them.
+//! The kernels of a run, compiled but not run, for the statistics of the device's compiler.
 
 use super::config::Preset;
 use super::prune::{PruneRequest, plan};
@@ -19,8 +19,8 @@ use glam::DVec3;
 const GAUSSIANS: usize = 100_000;
 const SIDE: u32 = 1024;
 
-/// What the device's compiler makes of the kernels of an iteration, a response pass with scores, and a prune by each kind of
-/// solver, with SH of degree 3. The device must have been opened with [`crate::gpu::DeviceOptions::compile_only`].
+/// The driver's statistics of the kernels of an iteration, a response pass with scores, and a prune by each kind of solver,
+/// with SH of degree 3. The device must have been opened with [`crate::gpu::DeviceOptions::compile_only`].
 pub fn compiled(device: &Device) -> Result<Vec<Compiled>, Error> {
     let degree = 3;
     let along = |i: usize, k: usize| ((i * 31 + k * 17) % 101) as f32 / 50.0 - 1.0;

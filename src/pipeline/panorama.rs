@@ -22,7 +22,7 @@ pub const WIDEST: u32 = 16_384;
 /// A panorama.
 #[derive(Clone, Copy, Debug)]
 pub struct Panorama {
-    /// Where it is taken from, in world units.
+    /// Position of the camera, in world units.
     pub eye: DVec3,
     /// Up in the world.
     pub up: DVec3,

@@ -1,4 +1,4 @@
-//! Models and scenes that count from different places of one world.
+//! Models and scenes with different local origins in one world.
 
 use super::Error;
 use crate::gaussians::Gaussians;

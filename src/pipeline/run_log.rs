@@ -1,4 +1,4 @@
-//! `log.jsonl`: how a run goes, a line of JSON at a time (docs/metrics.md).
+//! `log.jsonl`: the progress of a run, as lines of JSON (docs/metrics.md).
 
 use super::error::Error;
 use serde::{Deserialize, Serialize};

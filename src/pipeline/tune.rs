@@ -1,4 +1,4 @@
-//! Which tuning trains fastest on a device: all variants in turns, on a built-in scene.
+//! Search for the tuning that trains fastest on a device: all variants in turns, on a built-in scene.
 
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, DeviceKind, Tuning, Variant, variants};
@@ -54,7 +54,7 @@ pub struct Tried {
     pub again: Option<f64>,
 }
 
-/// What was measured.
+/// The measurements.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Tuned {
     /// All tunings, the class's row first.

@@ -39,7 +39,7 @@ pub(super) enum Output {
     Pictures,
 }
 
-/// How the names of programs end; COLMAP's for Windows is `COLMAP.bat`.
+/// Suffixes of the names of programs; COLMAP's for Windows is `COLMAP.bat`.
 const ENDINGS: &[&str] = if cfg!(windows) { &[".exe", ".bat"] } else { &[""] };
 
 /// True if a program of this name is on the PATH.

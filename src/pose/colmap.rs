@@ -270,7 +270,7 @@ impl Known {
         command(name, &[("--database_path", folder.database())], self.arguments(&options))
     }
 
-    /// What is known stays: how a rig's cameras stand to each other, and their lenses.
+    /// The relative poses and the lenses of a rig's cameras are known and stay fixed.
     fn poses(&self, folder: &Folder, (placed, lenses): (bool, bool)) -> Vec<String> {
         let files = [
             ("--database_path", folder.database()),

@@ -34,7 +34,7 @@ const SHARES: (f64, f64) = (0.2, 0.8);
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
-    /// COLMAP where it is installed, else OpenMVG-rs
+    /// COLMAP if it is installed, else OpenMVG-rs
     #[default]
     Auto,
     /// COLMAP: `colmap`

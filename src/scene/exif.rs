@@ -1,4 +1,4 @@
-//! What a photo's header says of its camera and its exposure.
+//! Camera and exposure in a photo's EXIF header.
 
 use super::image_size::image_size;
 use super::view::View;

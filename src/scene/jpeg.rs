@@ -12,7 +12,7 @@ pub(super) fn lacks_data(bytes: &[u8]) -> bool {
     if image.progressive { !image.all_scans(bytes) } else { image.blocks_missing(scan) }
 }
 
-/// What comes in place of a code.
+/// A marker instead of a code.
 enum Fault {
     /// The data end.
     End,

@@ -108,7 +108,8 @@ pub struct Scene {
     pub near: f32,
     /// The unit of length in units of the files: 1 unless [`Scene::use_usual_unit`] chose another.
     pub unit: f64,
-    /// Where coordinates count from, in the world of the files: not its origin where that is far away ([`origin`]).
+    /// Local origin of the coordinates, in the world of the files; non-zero if the scene lies far from the world's origin
+    /// ([`origin`]).
     pub origin: DVec3,
 }
 

@@ -70,7 +70,7 @@ fn camera(row: &[f64; NUMBERS], like: &Camera) -> Camera {
     }
 }
 
-/// Where each key lies along the path: moves by the mean move, and turns in radians, added up.
+/// Position of each key along the path: the sum of translations, relative to the mean one, and rotations in radians.
 fn knots(rows: &[[f64; NUMBERS]]) -> Vec<f64> {
     let moved = |a: &[f64; NUMBERS], b: &[f64; NUMBERS]| (0..3).map(|n| (a[n] - b[n]).powi(2)).sum::<f64>().sqrt();
     let moves: Vec<f64> = rows.windows(2).map(|w| moved(&w[0], &w[1])).collect();

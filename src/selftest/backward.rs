@@ -5,12 +5,12 @@ use super::Measure;
 use super::overlap::worse;
 use super::random::Kind;
 pub use super::rasterise::twin;
-use super::rasterise::{MILD, camera, stack, straight_on};
+use super::rasterise::{camera, stack, straight_on};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::random::Random;
 use crate::reference::{self, Params};
-use crate::render::{Backward, Image, Settings, Style, TrainingRenderer};
+use crate::render::{Backward, Image, Settings, TrainingRenderer};
 use crate::scene::camera::Camera;
 use crate::train::TrainingModel;
 use crate::train::adam::{Moments, record_gradients};
@@ -105,48 +105,17 @@ pub fn least(weights: &[[f32; 4]]) -> f64 {
 /// more.
 pub(super) const ALLOWED: f64 = 3e-4;
 
-fn compare(
-    device: &Device,
-    model: &Gaussians,
-    camera: &Camera,
-    settings: Settings,
-    allowed: f64,
-) -> Result<Vec<Measure>> {
+fn compare(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Result<Vec<Measure>> {
     let weights = weights(camera, 71);
     let mut drawn = there_and_back(device, model, camera, settings, &weights)?;
     let least = least(&weights);
     let seen = relative(&mut drawn.gradients, &mut expected(model, camera, settings, &weights), least);
-    Ok(vec![("relative", seen, Rounding(allowed)), ("rows skipped", f64::from(drawn.skipped), Exact(0.0))])
+    Ok(vec![("relative", seen, Rounding(ALLOWED)), ("rows skipped", f64::from(drawn.skipped), Exact(0.0))])
 }
 
-fn kind(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
-    compare(device, &kind.model(), &camera(64, 48), settings, ALLOWED)
-}
-
-pub(super) fn mild(device: &Device) -> Result<Vec<Measure>> {
-    kind(
-        device,
-        &Kind { count: 200, seed: 21, ..MILD },
-        Settings { background: [0.2, 0.4, 0.6], ..Settings::default() },
-    )
-}
-
-pub(super) fn needles(device: &Device) -> Result<Vec<Measure>> {
-    kind(device, &Kind { count: 200, seed: 22, axes: [1.2, -4.0, -4.0], degree: 1, ..MILD }, Settings::default())
-}
-
-pub(super) fn flat(device: &Device) -> Result<Vec<Measure>> {
-    kind(device, &Kind { count: 200, seed: 23, axes: [0.5, 0.5, -9.0], degree: 2, ..MILD }, Settings::default())
-}
-
-pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
-    let kind_of = Kind { count: 200, seed: 24, logit: [2.0, 20.0], colour: [-3.0, 4.0], degree: 1, ..MILD };
-    kind(device, &kind_of, Settings::default())
-}
-
-pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
-    let kind_of = Kind { count: 1000, seed: 25, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
-    kind(device, &kind_of, Style { antialias: true, ..Style::default() }.over([0.0; 3]))
+/// Compares the gradients of a random model.
+pub(super) fn random(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
+    compare(device, &kind.model(), &camera(64, 48), settings)
 }
 
 /// `count` layers of random colours before one small tile.
@@ -159,14 +128,14 @@ fn layers(count: usize, depth: f32, logit: f32) -> Gaussians {
 
 /// Equal depths, one behind the other in the model's order; the transmittance stop ends the pixels.
 pub(super) fn coincident(device: &Device) -> Result<Vec<Measure>> {
-    compare(device, &layers(10_000, 0.0, -3.0), &straight_on(), Settings::default(), ALLOWED)
+    compare(device, &layers(10_000, 0.0, -3.0), &straight_on(), Settings::default())
 }
 
 /// 10,000 layers without a stop: transmittance leaves float32's range on the way. The colour behind a layer is the
 /// pixel minus the colour before it: its rounding, 1e-7 of the pixel, remains long after the colour itself has
 /// vanished.
 pub(super) fn chain(device: &Device) -> Result<Vec<Measure>> {
-    compare(device, &layers(10_000, 1e-5, -3.9), &straight_on(), Settings { stop: 0.0, ..Settings::default() }, ALLOWED)
+    compare(device, &layers(10_000, 1e-5, -3.9), &straight_on(), Settings { stop: 0.0, ..Settings::default() })
 }
 
 /// One pixel behind layers of one colour and opacity, before black: dL/dalpha is a difference of nearly equal values,

@@ -130,7 +130,8 @@ pub fn errors(device: &Device, rows: &[Row], method: Method) -> Result<(Vec<f64>
     Ok((errors, nan))
 }
 
-fn random(device: &Device, count: usize) -> Result<Vec<Measure>> {
+/// Compares the overlaps of `count` random pairs with the twin's.
+pub(super) fn random(device: &Device, count: usize) -> Result<Vec<Measure>> {
     let mut measures = Vec::new();
     // Float32 rounds each axis by 6e-8. Near-parallel discs at the floor of 1e-3 amplify this a thousandfold, in
     // distance and in tilt: 5e-5, and 1.8e-4 if roots and quotients are off by two roundings.
@@ -141,12 +142,4 @@ fn random(device: &Device, count: usize) -> Result<Vec<Measure>> {
         measures.push((if parallel { "near-parallel, NaN" } else { "any, NaN" }, nan as f64, Exact(0.0)));
     }
     Ok(measures)
-}
-
-pub(super) fn random_few(device: &Device) -> Result<Vec<Measure>> {
-    random(device, 500)
-}
-
-pub(super) fn random_many(device: &Device) -> Result<Vec<Measure>> {
-    random(device, 10_000)
 }

@@ -60,25 +60,13 @@ fn solved(block: &Block, solver: Eigensolver) -> Participation {
     solve(&metric, &w, &density, solver, TAU).0
 }
 
-fn by_solver(solver: Eigensolver) -> Result<Vec<Measure>> {
+pub(super) fn by_solver(solver: Eigensolver) -> Result<Vec<Measure>> {
     let solve = |block: &Block| {
         let Participation { spectrum, r, q, canonical } = solved(block, solver);
         Ok((spectrum.to_vec(), r, q, canonical))
     };
     // P reaches dsygvd in float32, as assembled by the device.
     against(solve, solver != Eigensolver::LowRank)
-}
-
-pub(super) fn dsygvd(_: &Device) -> Result<Vec<Measure>> {
-    by_solver(Eigensolver::Dsygvd)
-}
-
-pub(super) fn low_rank(_: &Device) -> Result<Vec<Measure>> {
-    by_solver(Eigensolver::LowRank)
-}
-
-pub(super) fn low_rank_f32(_: &Device) -> Result<Vec<Measure>> {
-    by_solver(Eigensolver::LowRankF32)
 }
 
 /// The device's solver on matrices uploaded by the host.

@@ -6,7 +6,7 @@ use crate::gpu::{Device, Recording, Result};
 use crate::primitives::{Count, Pairs, Scan, Segments, Sort, compact, segmented_sum};
 use crate::random::Random;
 
-const LARGE: u32 = 1_000_003;
+pub(super) const LARGE: u32 = 1_000_003;
 
 /// Sizes at and next to those of a subgroup, a workgroup and a block.
 fn sizes(device: &Device) -> Vec<u32> {
@@ -17,7 +17,7 @@ fn sizes(device: &Device) -> Vec<u32> {
     sizes
 }
 
-fn words(n: u32, seed: u64) -> Vec<u32> {
+pub(super) fn words(n: u32, seed: u64) -> Vec<u32> {
     let mut random = Random(seed);
     (0..n).map(|_| (random.word() >> 32) as u32).collect()
 }
@@ -39,7 +39,7 @@ fn exclusive_sum(data: &[u32]) -> (Vec<u32>, u32) {
 
 /// Number of words that differ in the prefix sums of `data`, and in the total; for sums beyond 32 bits, in the total
 /// alone.
-fn scan(device: &Device, data: &[u32]) -> Result<f64> {
+pub(super) fn scan(device: &Device, data: &[u32]) -> Result<f64> {
     let n = data.len() as u32;
     let source = device.upload("source", data)?;
     let target = device.buffer::<u32>("target", n as usize)?;
@@ -55,21 +55,17 @@ fn scan(device: &Device, data: &[u32]) -> Result<f64> {
 }
 
 /// Words whose sum stays within 32 bits.
-fn small_words(n: u32) -> Vec<u32> {
+pub(super) fn small_words(n: u32) -> Vec<u32> {
     words(n, 1).iter().map(|word| word >> 20).collect()
 }
 
 /// Number of words that differ, over all `sizes`.
-fn over_sizes(device: &Device, case: impl Fn(&Device, u32) -> Result<f64>) -> Result<Vec<Measure>> {
+pub(super) fn over_sizes(device: &Device, case: impl Fn(&Device, u32) -> Result<f64>) -> Result<Vec<Measure>> {
     let mut wrong = 0.0;
     for n in sizes(device) {
         wrong += case(device, n)?;
     }
     Ok(vec![("wrong words", wrong, Exact(0.0))])
-}
-
-pub(super) fn scan_small(device: &Device) -> Result<Vec<Measure>> {
-    over_sizes(device, |device, n| scan(device, &small_words(n)))
 }
 
 pub(super) fn scan_large(device: &Device) -> Result<Vec<Measure>> {
@@ -80,7 +76,8 @@ pub(super) fn scan_large(device: &Device) -> Result<Vec<Measure>> {
     ])
 }
 
-fn sort(device: &Device, keys: &[u32], bits: u32) -> Result<f64> {
+/// Number of words that differ after a sort of `keys` by their lowest `bits`.
+pub(super) fn sort(device: &Device, keys: &[u32], bits: u32) -> Result<f64> {
     let n = keys.len() as u32;
     let values: Vec<u32> = (0..n).collect();
     let pairs = Pairs { keys: device.upload("keys", keys)?, values: device.upload("values", &values)? };
@@ -97,10 +94,6 @@ fn sort(device: &Device, keys: &[u32], bits: u32) -> Result<f64> {
         + differing(&sorted.keys.read_first(device, n as usize)?, &expected_keys))
 }
 
-pub(super) fn sort_small(device: &Device) -> Result<Vec<Measure>> {
-    over_sizes(device, |device, n| sort(device, &words(n, 2), 32))
-}
-
 pub(super) fn sort_kinds(device: &Device) -> Result<Vec<Measure>> {
     let mut wrong = 0.0;
     for bits in [1, 5, 8, 9, 13, 17, 31] {
@@ -110,10 +103,6 @@ pub(super) fn sort_kinds(device: &Device) -> Result<Vec<Measure>> {
         wrong += sort(device, &keys, 32)?;
     }
     Ok(vec![("wrong words", wrong, Exact(0.0))])
-}
-
-pub(super) fn sort_large(device: &Device) -> Result<Vec<Measure>> {
-    Ok(vec![("wrong words", sort(device, &words(LARGE, 4), 32)?, Exact(0.0))])
 }
 
 pub(super) fn compaction(device: &Device) -> Result<Vec<Measure>> {

@@ -2,7 +2,7 @@
 
 use super::Allowed::{Exact, Rounding};
 use super::Measure;
-use super::backward::{ALLOWED, expected, least, relative, there_and_back, weights};
+use super::backward::{expected, least, relative, there_and_back, weights};
 use super::overlap::worse;
 use super::rasterise;
 use crate::gaussians::Gaussians;
@@ -134,7 +134,8 @@ pub fn case_errors(device: &Device, hard: &Hard, antialias: bool) -> Result<Case
     Ok(CaseErrors { picture, differs, alpha, gradient, skipped: drawn.skipped })
 }
 
-fn all(device: &Device, cases: &[Hard], allowed: f64) -> Result<Vec<Measure>> {
+/// Compares hard Gaussians, drawn one by one, with the twin; `allowed` bounds the relative error of gradients.
+pub(super) fn all(device: &Device, cases: &[Hard], allowed: f64) -> Result<Vec<Measure>> {
     let (mut picture, mut gradient, mut differing, mut skipped, mut alpha) = (0.0, 0.0, 0, 0, 0.0_f64);
     for hard in cases {
         for antialias in [false, true] {
@@ -154,22 +155,4 @@ fn all(device: &Device, cases: &[Hard], allowed: f64) -> Result<Vec<Measure>> {
         ("gradients, relative", gradient, Rounding(allowed)),
         ("rows skipped", f64::from(skipped), Exact(0.0)),
     ])
-}
-
-pub(super) fn all_places(device: &Device) -> Result<Vec<Measure>> {
-    all(device, &places(), ALLOWED)
-}
-
-/// For a Gaussian that covers everything, the pixels' shares nearly cancel: the order in which a device adds its lanes
-/// changes the sum by a relative 4e-4 (3e-5 one lane after the other, 4e-4 in pairs, llvmpipe).
-pub(super) fn all_scales(device: &Device) -> Result<Vec<Measure>> {
-    all(device, &scales(), 3.0 * ALLOWED)
-}
-
-pub(super) fn all_rotations(device: &Device) -> Result<Vec<Measure>> {
-    all(device, &rotations(), ALLOWED)
-}
-
-pub(super) fn all_logits(device: &Device) -> Result<Vec<Measure>> {
-    all(device, &logits(), ALLOWED)
 }

@@ -19,6 +19,13 @@ pub(super) const MILD: Kind = Kind {
     degree: 3,
     colour: [-1.0, 1.8],
 };
+pub(super) const NEEDLES: Kind = Kind { axes: [1.2, -4.0, -4.0], degree: 1, ..MILD };
+pub(super) const DISCS: Kind = Kind { axes: [0.5, 0.5, -9.0], degree: 2, ..MILD };
+pub(super) const SATURATED: Kind = Kind { logit: [2.0, 20.0], colour: [-3.0, 4.0], degree: 1, ..MILD };
+/// Most of them are smaller than a pixel.
+pub(super) const DUST: Kind = Kind { log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
+/// Long and intersecting, so that their order differs between tiles.
+pub(super) const CROSSED: Kind = Kind { axes: [1.0, 1.0, -4.0], ..MILD };
 
 pub(super) fn camera(width: u32, height: u32) -> Camera {
     Camera::look_at(DVec3::new(0.5, -0.7, -3.5), DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
@@ -70,7 +77,7 @@ fn errors(device: &Device, model: &Gaussians, camera: &Camera, settings: Setting
 }
 
 /// Float32 sometimes puts a contribution on the other side of the 1/255 cut-off, which moves a pixel by up to 4e-3.
-fn against_twin(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
+pub(super) fn against_twin(device: &Device, kind: &Kind, settings: Settings) -> Result<Vec<Measure>> {
     errors(device, &kind.model(), &camera(96, 64), settings).map(measures)
 }
 
@@ -82,27 +89,9 @@ fn measures([mean, share, largest]: [f64; 3]) -> Vec<Measure> {
     ]
 }
 
-pub(super) fn mild(device: &Device) -> Result<Vec<Measure>> {
-    against_twin(device, &MILD, Settings { background: [0.2, 0.4, 0.6], ..Settings::default() })
-}
-
-pub(super) fn needles(device: &Device) -> Result<Vec<Measure>> {
-    let kind = Kind { seed: 12, axes: [1.2, -4.0, -4.0], degree: 1, ..MILD };
-    against_twin(device, &kind, Settings::default())
-}
-
-pub(super) fn flat(device: &Device) -> Result<Vec<Measure>> {
-    let kind = Kind { seed: 13, axes: [0.5, 0.5, -9.0], degree: 2, ..MILD };
-    against_twin(device, &kind, Settings::default())
-}
-
-pub(super) fn saturated(device: &Device) -> Result<Vec<Measure>> {
-    let kind = Kind { seed: 14, logit: [2.0, 20.0], colour: [-3.0, 4.0], degree: 1, ..MILD };
-    against_twin(device, &kind, Settings::default())
-}
-
+/// Anti-aliased Gaussians smaller than a pixel, with both dilations.
 pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
-    let kind = Kind { count: 3000, seed: 15, log_scale: [-9.0, -3.0], logit: [0.0, 8.0], degree: 0, ..MILD };
+    let kind = Kind { count: 3000, seed: 15, ..DUST };
     let mut worst = [0.0_f64; 3];
     for dilation in Style::DILATIONS {
         let style = Style { antialias: true, dilation: Some(dilation), ..Style::default() };
@@ -110,12 +99,6 @@ pub(super) fn antialiased(device: &Device) -> Result<Vec<Measure>> {
         worst = [0, 1, 2].map(|i| worst[i].max(errors[i]));
     }
     Ok(measures(worst))
-}
-
-/// Long intersecting discs, so that their order differs between tiles.
-pub(super) fn depth_order(device: &Device) -> Result<Vec<Measure>> {
-    let kind = Kind { seed: 17, axes: [1.0, 1.0, -4.0], ..MILD };
-    against_twin(device, &kind, Style { depth_order: true, ..Style::default() }.over([0.0; 3]))
 }
 
 pub(super) fn odd_sizes(device: &Device) -> Result<Vec<Measure>> {

@@ -57,16 +57,16 @@ impl FromStr for Effect {
 }
 
 named! {
-    /// What is photographed.
+    /// The subject of the photos.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
     pub enum Kind {
-        /// A plaza with objects, photographed from all around
+        /// A plaza with objects, photographed from all sides
         #[default]
         Plaza = "plaza",
-        /// A strip of land, photographed from a drone; the more photos, the longer
+        /// A strip of land, photographed from a drone; its length grows with the number of photos
         Terrain = "terrain",
-        /// The plaza in panoramas of all directions, from a walk among its objects
+        /// The plaza in equirectangular panoramas, from a walk among its objects
         Panorama = "panorama",
     }
 }
@@ -91,7 +91,7 @@ impl Kind {
 /// Options of the synthetic scene: equal options give equal bytes, on any number of threads.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SynthOptions {
-    /// What is photographed.
+    /// The subject of the photos.
     pub kind: Kind,
     /// Number of photos, 1..=9999.
     pub views: usize,

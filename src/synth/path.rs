@@ -151,7 +151,7 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
     View { name: file_name(i), device: device_index, camera, lens: device.lens, gain, mover }
 }
 
-/// Where view `i` of the rings is taken, what it looks at, the direction that is up, and the angle around the scene.
+/// Position, target and up direction of view `i` of the rings, and its angle around the scene.
 fn ring(options: &SynthOptions, i: usize) -> ([DVec3; 3], f64) {
     let mut random = Random::new(options.seed, Stream::Path, i as u64);
     let mut jitter = |size: f64| random.between(-size, size);

@@ -1,4 +1,4 @@
-//! What stands on the ground of a scene, and the ground itself.
+//! A scene: its ground, and the objects on it.
 
 use super::{
     Effect, Kind, SynthOptions,
@@ -18,7 +18,7 @@ pub(super) struct Surface {
     pub thin: bool,
 }
 
-/// What lies at z = 0, and how far from the origin things cast light and shadow there.
+/// The ground at z = 0, and the radius within which objects cast light and shadow on it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ground {
     /// Which painting.

@@ -83,7 +83,7 @@ pub(super) fn picture(place: &Place, view: &View, options: &SynthOptions, index:
     Picture { width, height, pixels, mask, depths }
 }
 
-/// What lies at the middle of each pixel.
+/// The depth at the centre of each pixel.
 fn depths(world: &World<'_>, view: &View) -> Vec<f32> {
     let (camera, origin) = (&view.camera, view.camera.centre().as_vec3());
     let depth = |n: u32| {

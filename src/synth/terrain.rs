@@ -44,7 +44,7 @@ fn half_length(views: usize) -> f64 {
     0.5 * ALONG * per_line(views).saturating_sub(1) as f64
 }
 
-/// Where photo number `i` is taken, the point that it looks at, and the direction of its upper edge. Lines are flown to and fro.
+/// Position, target and up direction of photo `i`. The drone flies along parallel lines, back and forth.
 pub(super) fn pose(options: &SynthOptions, i: usize) -> [DVec3; 3] {
     let mut random = Random::new(options.seed, Stream::Path, i as u64);
     let mut jitter = |size: f64| random.between(-size, size);

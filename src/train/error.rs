@@ -13,7 +13,7 @@ pub enum Error {
     #[error("there is no photo to train on")]
     NoViews,
     /// A failure of the file that holds the photos beyond the host's share of memory.
-    #[error("the decoded photos' temporary file fails: {0}")]
+    #[error("the temporary file of decoded photos failed: {0}")]
     Photos(#[from] io::Error),
     /// A checkpoint of a run on other photos.
     #[error("the checkpoint holds {what} of {stored} photos, the scene has {photos} to train on")]

@@ -41,7 +41,7 @@ const SCOPE: &str = "poses";
 pub struct Poses {
     given: Vec<Camera>,
     corrections: Vec<Correction>,
-    /// How far away each camera sees the scene, in world units.
+    /// Distance of the scene from each camera, in world units.
     depths: Vec<f64>,
     /// Photo x 6: the gradients of the round so far.
     gradients: Buffer<f32>,

@@ -27,7 +27,7 @@ fn a_driver_that_lies_about_its_subgroups_is_refused() {
     refused(
         &[("QIRF_SUBGROUP", &told)],
         4,
-        &[&format!("subgroups have {width} invocations, not the {told}"), "not to be trusted"],
+        &[&format!("subgroups have {width} invocations, not the {told}"), "is unreliable"],
     );
     // Where no size can be asked for, the width found counts.
     let opened = opens(&[("QIRF_SUBGROUP", &unpinned)]);

@@ -157,7 +157,7 @@ fn bad_requests_write_nothing_and_say_why() {
     fails(2, &["--max-size", "-1"], &["above 0"]);
     fails(2, &["--order", "random"], &["morton"]);
     fails(2, &["--rotate", "y"], &["degrees"]);
-    fails(3, &["--matrix", "stretch.txt"], &["stretch.txt", "2.0", "all axes alike"]);
+    fails(3, &["--matrix", "stretch.txt"], &["stretch.txt", "2.0", "a uniform scale"]);
     fails(3, &["--matrix", "zero.txt"], &["zero.txt"]);
     fails(3, &["--matrix", "words.txt"], &["words.txt", "'one'"]);
     fails(3, &["--matrix", "short.txt"], &["short.txt", "12 or 16"]);

@@ -69,7 +69,7 @@ fn walks_that_make_no_sense_are_refused() {
     fails(2, &["--path", "orbit", "--orbit", "3", "-o", "o"], &["--orbit"]);
     fails(2, &["--orbit", "3", "--scene", "scene", "-o", "o"], &["cannot be used with"]);
     fails(2, &["--scene", "scene", "--size", "9x9", "-o", "o"], &["--resolution"]);
-    fails(2, &["--orbit", "3", "-o", "walk.mp4"], &["a film needs a --path"]);
+    fails(2, &["--orbit", "3", "-o", "walk.mp4"], &["a film needs --path"]);
     fails(2, &["--path", "orbit", "--format", "npy", "-o", "walk.mp4"], &["film"]);
     fails(2, &["--path", "orbit", "--fps", "0", "-o", "walk.mp4"], &["frames per second"]);
     fails(2, &["--panorama", "-o", "around.jpg"], &["around.jpg", ".png or .npy"]);

@@ -35,7 +35,7 @@ const EXAMPLES: &str = "Examples:
 
 Operations apply in the order of the command line, to all models as one. Colours that depend on the direction turn with the model.";
 
-/// Crop, move, turn, clean and merge models.
+/// Crop, move, rotate, clean and merge models.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -45,18 +45,18 @@ pub(super) struct Arguments {
     /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz
     #[arg(short, long, value_name = "OUT", required_unless_present = "count_only")]
     output: Option<PathBuf>,
-    /// Tell what each operation leaves, and write nothing
+    /// Print the number of Gaussians that each operation leaves, and write nothing
     #[arg(long)]
     count_only: bool,
-    /// Print what was removed, and why, as JSON on standard output
+    /// Print the removed Gaussians and the reasons as JSON on standard output
     #[arg(long)]
     json: bool,
-    /// Cameras that must have a Gaussian's centre in their pictures, for --crop-views
+    /// Minimum number of cameras that see the centre of a Gaussian, for --crop-views
     #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     least_views: u32,
     #[command(flatten)]
     operations: Operations,
-    /// Scene whose photos tell floaters, for --remove floaters; without it, pictures of the model do
+    /// Scene whose photos show which Gaussians are floaters, for --remove floaters [default: pictures of the model]
     #[arg(long, value_name = "SCENE", help_heading = "Floaters")]
     scene: Option<PathBuf>,
     /// Photo folder, such as images_4 [default: the scene's own]

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 const HEADING: &str = "Operations, in their order";
 
-/// One operation as it was asked for.
+/// One requested operation.
 #[derive(Clone, Debug)]
 pub(super) struct Asked {
     /// As on the command line.
@@ -40,47 +40,48 @@ pub(super) enum Operation {
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = HEADING)]
 struct Options {
-    /// Keep what has its centre in a box: least x, y, z, then greatest
+    /// Keep Gaussians with their centre in a box: minimum, then maximum of x, y, z
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", allow_hyphen_values = true)]
     crop_box: Vec<String>,
-    /// Keep what has its centre in a ball: centre and radius
+    /// Keep Gaussians with their centre in a sphere: centre and radius
     #[arg(long, value_name = "X,Y,Z,R", allow_hyphen_values = true)]
     crop_sphere: Vec<String>,
-    /// Keep what has its centre in the pictures of a scene's cameras, hidden or not
+    /// Keep Gaussians with their centre in the view of a scene's cameras, occluded or not
     #[arg(long, value_name = "SCENE")]
     crop_views: Vec<PathBuf>,
-    /// Let the crop before it keep what lies outside instead
+    /// Make the preceding crop keep the outside instead
     #[arg(long, num_args = 0, default_missing_value = "true", action = clap::ArgAction::Append)]
     outside: Vec<bool>,
-    /// Move, in world units
+    /// Translate, in world units
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     translate: Vec<String>,
-    /// Turn about the origin, by the right hand: an axis (x, -y, or X,Y,Z) and degrees, or a quaternion
+    /// Rotate about the origin (right-handed): an axis (x, -y, or X,Y,Z) and degrees, or a quaternion
     #[arg(long, value_name = "AXIS:DEGREES|W,X,Y,Z", allow_hyphen_values = true)]
     rotate: Vec<String>,
-    /// Scale about the origin, all axes alike
+    /// Scale about the origin, uniformly
     #[arg(long, value_name = "FACTOR", allow_hyphen_values = true)]
     scale: Vec<String>,
-    /// Turn what is up to another axis of the world: x, y, z, -x, -y or -z; from -y, as in captures, or from FROM
+    /// Rotate the up direction to another axis: x, y, z, -x, -y or -z; from -y, as in captures, or from FROM
     #[arg(long, value_name = "[FROM:]AXIS", allow_hyphen_values = true)]
     up: Vec<String>,
-    /// Move, turn, mirror and scale by a matrix: a file with 3 or 4 rows of 4 numbers, plain or as JSON
+    /// Apply a matrix (rotation or reflection, uniform scale, translation): a file with 3 or 4 rows of 4 numbers, as text or
+    /// JSON
     #[arg(long, value_name = "FILE")]
     matrix: Vec<PathBuf>,
     /// Drop spherical harmonics above this degree, 0 to 3
     #[arg(long, value_name = "N", allow_hyphen_values = true)]
     sh_degree: Vec<String>,
-    /// Remove what is less opaque, 0 to 1
+    /// Remove Gaussians with an opacity below this, 0 to 1
     #[arg(long, value_name = "A", allow_hyphen_values = true)]
     min_opacity: Vec<String>,
-    /// Remove what has an axis of a larger standard deviation, in world units
+    /// Remove Gaussians whose longest axis has a larger standard deviation than this, in world units
     #[arg(long, value_name = "SIZE", allow_hyphen_values = true)]
     max_size: Vec<String>,
-    /// Remove floaters, which the photos of --scene or pictures of the model tell; what no picture can show (opacity below 1/255); or
-    /// needles: those 100 times as long as wide, or RATIO times
+    /// Remove floaters, found by the photos of --scene or by pictures of the model; invisible Gaussians (opacity below 1/255);
+    /// or needles, whose longest axis is 100 times, or RATIO times, their middle axis
     #[arg(long, value_name = "floaters|invisible|needles[:RATIO]", allow_hyphen_values = true)]
     remove: Vec<String>,
-    /// Put neighbours in space next to each other in the file
+    /// Store neighbours in space next to each other in the file
     #[arg(long, value_name = "morton|none")]
     order: Vec<String>,
 }
@@ -160,11 +161,11 @@ fn invert(asked: &mut [Asked]) -> Result<(), Error> {
             *why = why.replace("not in", "in");
             Ok(())
         }
-        _ => Err(Error::Usage("--outside belongs behind a --crop-box, --crop-sphere or --crop-views".into())),
+        _ => Err(Error::Usage("--outside must follow a --crop-box, --crop-sphere or --crop-views".into())),
     }
 }
 
-/// What an option asks for, and why that removes what it removes; nothing for what changes nothing.
+/// The edit that an option requests, and its reason for removals; none if it changes nothing.
 fn operation(name: &str, value: &str) -> Result<(Option<Operation>, String), String> {
     let crop = |region: Region, what: &str| {
         let edit = Edit::Crop { region, outside: false };
@@ -252,7 +253,7 @@ mod tests {
     fn the_order_is_that_of_the_command_line() {
         let line = "--scale 2 --crop-box -1,-1,-1,1,1,1 --rotate y:90 --outside";
         let refused = read(line).in_order().unwrap_err().to_string();
-        assert!(refused.contains("--outside belongs"), "{refused}");
+        assert!(refused.contains("--outside must follow"), "{refused}");
         let line = "--scale 2 --crop-box -1,-1,-1,1,1,1 --outside --rotate -y:-90 --scale 3 --order none --crop-views s --outside";
         let names: Vec<String> = read(line).in_order().unwrap().into_iter().map(|asked| asked.name).collect();
         let expected = [

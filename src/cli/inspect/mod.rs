@@ -28,10 +28,10 @@ pub(super) struct Arguments {
     /// Depth maps of a scene, with the photos' names
     #[arg(long, value_name = "DIR")]
     depth: Option<PathBuf>,
-    /// Mask what is nearer than DEG degrees to straight down in the panoramas of a scene
+    /// Mask everything within DEG degrees of straight down in the panoramas of a scene
     #[arg(long, value_name = "DEG", default_value = "0", value_parser = values::pole)]
     pole_mask: f64,
-    /// Write a page with a scene's points and cameras: those held out are orange, those worth a look red
+    /// Write a web page with a scene's points and cameras: held-out cameras are orange, suspect ones red
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
     /// Print one JSON document
@@ -65,7 +65,7 @@ impl Arguments {
         let value = if is_scene(&self.path) {
             scene::describe(&self.path, &self.options(), self.html.as_deref())?
         } else if let Some(option) = self.of_scenes() {
-            return Err(Error::Usage(format!("{option} goes with a scene, and {} is a model", self.path.display())));
+            return Err(Error::Usage(format!("{option} needs a scene, but {} is a model", self.path.display())));
         } else {
             model::describe(&self.path, &read(&self.path)?)?
         };

@@ -81,7 +81,7 @@ impl Doubts {
     }
 }
 
-/// A page with the scene's points and cameras: blue ones are trained on, orange ones held out, red ones worth a look.
+/// A page with the scene's points and cameras: training cameras are blue, held-out cameras orange, suspect ones red.
 fn page(scene: &Scene, split: &Split, doubts: &Doubts, file: &Path) -> Result<(), Error> {
     let marked: Vec<&str> =
         doubts.misfits.iter().map(|(name, _)| name).chain(&doubts.apart).map(String::as_str).collect();

@@ -1,4 +1,4 @@
-//! Systems of axes, and models turned from one into another.
+//! Axis conventions, and conversions of models between them.
 
 use super::Gaussians;
 

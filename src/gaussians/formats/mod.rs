@@ -71,13 +71,13 @@ pub struct Loaded {
     pub gaussians: Gaussians,
     /// The format found, by content first and by the name's extension second.
     pub format: Format,
-    /// How it has to be drawn, as its tag says; plain if it has none.
+    /// Render mode by its tag; plain without a tag.
     pub mode: RenderMode,
-    /// What is wrong with its tag, as a sentence.
+    /// The fault of its tag, as a sentence.
     pub doubt: Option<String>,
     /// The repairs made.
     pub repairs: Repairs,
-    /// Where the means count from, in the world: not its origin if the file says so, or if it holds doubles far from there.
+    /// Local origin of the means in the world: non-zero if the file says so, or if it has doubles far from zero.
     pub origin: [f64; 3],
 }
 
@@ -179,7 +179,7 @@ fn extension(path: &Path) -> String {
     path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase()
 }
 
-/// What a file is written as, by its name.
+/// The format of a written file, by its name.
 #[derive(Clone, Copy)]
 enum Written {
     Ply,

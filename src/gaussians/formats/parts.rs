@@ -1,4 +1,4 @@
-//! Where the bytes of a file are.
+//! Sizes of the parts of a file.
 
 use super::{sog, spz};
 

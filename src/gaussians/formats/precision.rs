@@ -1,14 +1,14 @@
-//! How finely files store models: the ladder of each format's settings, from the fewest bytes to the least loss.
+//! Precision of stored models: each format's list of settings, from the fewest bytes to the least loss.
 
 use super::{Gaussians, spz};
 use serde::Serialize;
 use std::path::Path;
 
-/// How finely a file stores a model.
+/// Precision of a stored model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Precision {
-    /// As the format always does.
+    /// The only precision of the format.
     Fixed,
     /// SPZ: bits of the SH coefficients.
     Spz(SpzPrecision),

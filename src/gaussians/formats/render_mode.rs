@@ -11,7 +11,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 named! {
-    /// How a model was trained, and has to be drawn.
+    /// The mode in which a model was trained and has to be drawn.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
     #[serde(rename_all = "kebab-case")]
     pub enum RenderMode {
@@ -42,9 +42,9 @@ pub(super) struct Tag {
     pub mode: RenderMode,
     /// A tag was found that says so.
     stated: bool,
-    /// What is wrong with them, as a sentence.
+    /// Their fault, as a sentence.
     pub doubt: Option<String>,
-    /// Where the means count from, in the world; zero unless the file says otherwise.
+    /// Local origin of the means in the world; zero unless the file says otherwise.
     pub origin: [f64; 3],
 }
 

@@ -1,4 +1,4 @@
-//! Gaussians turned, scaled and moved, spherical harmonics included.
+//! Rotation, scaling and translation of Gaussians, including spherical harmonics.
 
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! What pictures show of a Gaussian, roughly, where no picture is at hand.
+//! Estimate of a Gaussian's contribution without pictures.
 
 use super::Gaussians;
 
@@ -11,7 +11,7 @@ pub(super) fn size(model: &Gaussians, i: usize, axis_by_size: usize) -> f64 {
     f64::from(scales[axis_by_size]).exp() / (1.0 + f64::from(far))
 }
 
-/// What pictures show of a Gaussian, roughly: opacity times area.
+/// Estimated contribution of a Gaussian: opacity times area.
 pub(super) fn weight(model: &Gaussians, i: usize) -> f64 {
     let area = size(model, i, 1) * size(model, i, 2);
     let weight = area.min(1.0) / (1.0 + f64::from(-model.opacity_logits[i]).exp());

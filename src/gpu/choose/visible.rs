@@ -113,7 +113,7 @@ fn listed(devices: &[Named], left: &[usize], text: &str) -> Vec<usize> {
 /// Hides the devices of `left` that are not in `kept`, and numbers the others; returns `kept`.
 fn restrict(all: &mut [Visibility], left: &[usize], kept: Vec<usize>, name: &'static str) -> Vec<usize> {
     if kept.is_empty() && !left.is_empty() {
-        tracing::info!("{name} hides all {} devices that it speaks of", left.len());
+        tracing::info!("{name} hides all {} devices of its kind", left.len());
     }
     for device in left {
         all[*device] = kept.iter().position(|k| k == device).map_or(Visibility::Hidden(name), Visibility::Place);

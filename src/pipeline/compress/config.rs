@@ -7,7 +7,7 @@ use crate::qirf::select::budget::Budget;
 use crate::render::Style;
 use serde::{Deserialize, Serialize};
 
-/// How a model is compressed.
+/// Configuration of a compression.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CompressConfig {

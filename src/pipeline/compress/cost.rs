@@ -1,4 +1,4 @@
-//! What a format costs: the pictures of a packed model against those of the original.
+//! Loss by a format: the pictures of a packed model against those of the original.
 
 use super::fit::Target;
 use crate::gaussians::Gaussians;

@@ -1,4 +1,5 @@
-//! Quality against bytes: the best files of several formats at several sizes, what each attribute costs, and another tool's files.
+//! Quality against bytes: the best files of several formats at several sizes, the loss by each attribute, and another tool's
+//! files.
 
 use super::aim::Aim;
 use super::fit::{Fitted, Fitter, Judge, Target};
@@ -20,7 +21,7 @@ const SIZES: u32 = 6;
 /// The size whose settings are measured attribute by attribute.
 const MIDDLE: u32 = 2;
 
-/// What a curve is made of.
+/// Settings of a curve.
 pub struct CurvePlan<'a> {
     /// Extensions of the formats.
     pub formats: &'a [String],

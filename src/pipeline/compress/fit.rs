@@ -1,4 +1,5 @@
-//! A model's file of a wanted size or PSNR: scored once, merged once, and written as often as the search needs.
+//! Search for a model's file of a given size or PSNR: the model is scored and merged once, and written as often as the search
+//! needs.
 
 use super::aim::{Aim, Found, Search, Trials};
 use super::config::CompressConfig;
@@ -87,11 +88,11 @@ pub struct Target<'a> {
     pub format: &'a Path,
     /// Version of an SPZ.
     pub spz: SpzVersion,
-    /// How finely values are stored, whatever they lose; by default pictures decide.
+    /// Requested precision of the values; by default pictures decide.
     pub precision: Option<Precision>,
     /// The file round a packed model; `None` if that is the file.
     pub wrap: Option<&'a Wrap<'a>>,
-    /// Where the means count from in the world.
+    /// Local origin of the means in the world.
     pub origin: [f64; 3],
 }
 
@@ -193,7 +194,7 @@ pub struct Fitted {
     pub plan: PrunePlan,
     /// The packed model.
     pub packed: Vec<u8>,
-    /// What was asked, tried and chosen.
+    /// The target, the attempts and the choice.
     pub record: AimRecord,
 }
 
@@ -282,7 +283,7 @@ struct Shown<'a> {
 }
 
 impl Shown<'_> {
-    /// So many that show most, in the model's order.
+    /// The given number of Gaussians with the largest contributions, in the model's order.
     fn most(&self, gaussians: usize) -> Gaussians {
         let mut numbers = self.order[..gaussians].to_vec();
         numbers.sort_unstable();
@@ -336,7 +337,8 @@ fn by_what_shows(model: &Gaussians) -> Vec<usize> {
     order.into_iter().map(|(_, i)| i).collect()
 }
 
-/// What was chosen: `4.93 MB of 5 MB: 412,300 Gaussians, 35.8 dB`, with the PSNR of the file's pictures, infinite if they are equal.
+/// The choice as text: `4.93 MB of 5 MB: 412,300 Gaussians, 35.8 dB`, with the PSNR of the file's pictures, infinite if they
+/// are equal.
 pub fn line(record: &AimRecord, (bytes, gaussians): (u64, usize), psnr: Option<f64>) -> String {
     let psnr = psnr.filter(|v| v.is_finite()).map_or_else(|| "equal pictures".to_owned(), |v| format!("{v:.1} dB"));
     let made = megabytes(bytes as f64, 2);

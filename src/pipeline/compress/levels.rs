@@ -11,7 +11,7 @@ use crate::qirf::pairs::Sequence;
 /// Gaussians of a level as a share of those of the finer one.
 const SHARE: f64 = 1.0 / 3.0;
 
-/// So many levels of a model, the model itself first; fewer if one Gaussian is left.
+/// The given number of levels of a model, from the model itself; fewer if only one Gaussian is left.
 pub fn levels(
     session: &Session<'_>,
     model: &Gaussians,

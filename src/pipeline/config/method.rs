@@ -1,5 +1,5 @@
-//! A method of another paper, as `config.toml` names it. The methods themselves are above this floor: whoever starts a job passes
-//! what makes them.
+//! A method of another paper, as `config.toml` names it. The methods themselves are above this floor: the caller of a job
+//! passes their constructors.
 
 use crate::gpu::Device;
 use crate::pipeline::Error;

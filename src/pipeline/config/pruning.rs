@@ -1,4 +1,4 @@
-//! How and when a model is pruned.
+//! Pruning of a model: rule and schedule.
 
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;

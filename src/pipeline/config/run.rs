@@ -17,12 +17,12 @@ use std::path::PathBuf;
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {
-    /// The QIRF paper's: 30,000 iterations, densification to 13,000
+    /// The schedule of the QIRF paper: 30,000 iterations, densification to 13,000
     Paper,
-    /// The 3DGS reference's: 30,000 iterations, densification to 15,000
+    /// The schedule of the 3DGS reference: 30,000 iterations, densification to 15,000
     #[default]
     Standard,
-    /// A quick look at the scene: 2,000 iterations
+    /// A short schedule: 2,000 iterations
     Quick,
 }
 

@@ -1,5 +1,4 @@
-//! Depth maps of photos: what their views see of them, the scale at which they agree with the scene's points, and points of their
-//! own to start from.
+//! Depth maps of photos: their resampling to the views, their scale by the scene's points, and initial points from them.
 
 pub mod read;
 

@@ -88,7 +88,7 @@ pub struct Evaluator {
     comparison: Comparison,
 }
 
-/// How rendered views and photos are compared.
+/// Comparison of rendered views and photos.
 #[derive(Clone, Copy)]
 struct Comparison {
     background: [f32; 3],

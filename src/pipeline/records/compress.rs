@@ -44,12 +44,12 @@ pub struct CompressRecord {
 /// The search for a file of a wanted size or PSNR.
 #[derive(Clone, Debug, Serialize)]
 pub struct AimRecord {
-    /// What was asked.
+    /// The target.
     #[serde(flatten)]
     pub aim: Aim,
     /// The file chosen, before fine-tuning; its PSNR is of the views that files are compared by.
     pub chosen: Point,
-    /// How finely it stores values.
+    /// Precision of its values.
     pub precision: Precision,
     /// Rungs of the format's ladder of settings.
     pub rungs: usize,

@@ -20,7 +20,7 @@ pub struct CurveRecord {
     pub input: ModelFile,
     /// The files, by tool and format.
     pub files: Vec<FileRecord>,
-    /// What each attribute's settings cost alone.
+    /// The loss by the settings of each attribute alone.
     pub attributes: Vec<AttributeLoss>,
 }
 
@@ -43,7 +43,7 @@ pub struct FileRecord {
     pub parts: Vec<(&'static str, u64)>,
 }
 
-/// What one attribute costs if it alone is stored as in a file: the whole model's pictures.
+/// The loss of the whole model's pictures if only one attribute is stored as in a file.
 #[derive(Clone, Debug, Serialize)]
 pub struct AttributeLoss {
     /// Extension of the format.

@@ -130,7 +130,7 @@ pub struct CurvePoint {
     pub gaussians: usize,
 }
 
-/// How far a run went past its best, in dB, from which it is told.
+/// Loss since the best PSNR of a run, in dB, from which it is reported.
 const PAST: f64 = 0.1;
 
 impl RunRecord {

@@ -1,4 +1,4 @@
-//! How a lens bends rays: a curve of the radius, then polynomials.
+//! Lens distortion: a curve of the radius, then polynomials.
 
 use glam::{DMat2, DVec2};
 

@@ -26,7 +26,7 @@ struct Index {
 }
 
 impl Masks {
-    /// Those of the photos in `images`, in the capture at `root`.
+    /// The masks of the photos in `images`, in the capture at `root`.
     pub fn of(root: &Path, images: &Path) -> Self {
         Self { images: images.to_owned(), folder: folder(root, images), index: OnceCell::new(), found: Cell::new(0) }
     }
@@ -46,7 +46,7 @@ impl Masks {
         found
     }
 
-    /// What to tell if a mask folder is there and none of its files belongs to a photo.
+    /// A note if there is a mask folder but none of its files belongs to a photo.
     pub fn doubt(&self) -> Option<String> {
         let folder = self.folder.as_ref().filter(|_| self.found.get() == 0)?;
         let held = self.index.get_or_init(|| Index::of(Some(folder), &self.images)).in_folder;

@@ -241,7 +241,7 @@ fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Resu
     Ok(views)
 }
 
-/// What is drawn in place of a lens's photos: a pinhole's view, or, if there are faces, those.
+/// The views that replace a lens's photos: a pinhole's view, or faces of a cube.
 struct Ideal {
     pinhole: Option<Pinhole>,
     faces: Vec<Cut>,

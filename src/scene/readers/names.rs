@@ -59,7 +59,7 @@ fn without_extension(path: &str) -> &str {
     }
 }
 
-/// What equal names have in common: lower case, composed letters, forward slashes, no photo's extension.
+/// The normal form of a name, by which names are compared: lower case, composed letters, forward slashes, no photo's extension.
 pub(super) fn key(path: &str) -> String {
     without_extension(&tidy(path)).nfc().collect::<String>().to_lowercase()
 }

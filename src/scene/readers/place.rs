@@ -1,4 +1,4 @@
-//! Where a scene's poses lie: in the folder given, or in one within it.
+//! Location of a scene's poses: the given folder, or a subfolder.
 
 use std::path::{Path, PathBuf};
 

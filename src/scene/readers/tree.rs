@@ -130,7 +130,7 @@ impl PhotoTree {
         self.left_out.extend(copies);
     }
 
-    /// What to tell of files that are not used as photos.
+    /// Notes on files that are not used as photos.
     pub fn notes(&self) -> Vec<String> {
         let mut aside = Names::default();
         self.aside.iter().for_each(|name| aside.add(name));
@@ -149,7 +149,7 @@ impl PhotoTree {
     }
 }
 
-/// What to tell of photos in a format that is not read; none if there are none.
+/// A note on photos in an unsupported format; none without such photos.
 fn unread(names: &Names) -> Option<String> {
     let convert = "convert them, with ImageMagick by `magick mogrify -format jpg -quality 95`";
     let photos = counted(names.count, "photo");

@@ -191,7 +191,7 @@ fn hostile_documents_are_refused() {
     refused("beyond the end", &|d| d["accessors"][0]["byteOffset"] = json!(u64::MAX));
     refused("apart", &|d| d["bufferViews"][0]["byteStride"] = 0.into());
     refused("of a buffer of", &|d| d["bufferViews"][0]["byteLength"] = json!(u64::MAX));
-    refused("is not there", &|d| d["bufferViews"][0]["buffer"] = 1.into());
+    refused("does not exist", &|d| d["bufferViews"][0]["buffer"] = 1.into());
     refused("has no data", &|d| drop(d["accessors"][0].as_object_mut().unwrap().remove("bufferView")));
     refused("elements of", &|d| d["accessors"][1]["count"] = 5.into());
     refused("elements of", &|d| d["accessors"][1]["type"] = "VEC3".into());

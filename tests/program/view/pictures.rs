@@ -214,7 +214,7 @@ fn files_of_other_models_and_damaged_files_are_refused_by_name() {
         assert_eq!(said.trim_end().lines().count(), 1, "{said}");
     };
     let (model, other) = (beside("model.ply"), beside("other.ply"));
-    refused(&other, &name, &["prune.safetensors", "another model", "before its prune"]);
+    refused(&other, &name, &["prune.safetensors", "another model", "before the prune"]);
     refused(
         folder.path().join("small.ply").to_str().unwrap(),
         &name,
@@ -240,7 +240,7 @@ fn files_of_other_models_and_damaged_files_are_refused_by_name() {
     for (arguments, word) in [
         (vec!["--diagnostics", "facts.txt"], ".safetensors"),
         (vec!["--diagnostics", "none/facts.safetensors"], "create its folder"),
-        (vec!["--diagnostics", &name, "--report", &name], "two files"),
+        (vec!["--diagnostics", &name, "--report", &name], "different files"),
     ] {
         let Ended { code, said, .. } = program(&[&["compress", &model, "-o", &out], &arguments[..]].concat());
         assert!(matches!(code, Some(2 | 5)) && said.contains(word), "{said}");

@@ -93,7 +93,7 @@ impl Rows<'_> {
 impl Store<'_> {
     fn accessor(&self, index: usize) -> Result<&Accessor, Fault> {
         let accessor = self.document.accessors.get(index);
-        accessor.ok_or_else(|| malformed(format!("accessor {index}"), format!("is not there; {AGAIN}")))
+        accessor.ok_or_else(|| malformed(format!("accessor {index}"), format!("does not exist; {AGAIN}")))
     }
 
     /// The number of elements of an accessor that has data: one without any may claim as many as it likes.

@@ -165,13 +165,13 @@ impl<'a> Store<'a> {
     pub(super) fn view(&self, index: usize) -> Result<(&'a View, &[u8]), Fault> {
         let record = || format!("bufferView {index}");
         let view = self.document.buffer_views.get(index);
-        let view = view.ok_or_else(|| malformed(record(), format!("is not there; {AGAIN}")))?;
+        let view = view.ok_or_else(|| malformed(record(), format!("does not exist; {AGAIN}")))?;
         if view.extensions.meshopt.is_some() {
             return Err(Fault::Unsupported("compressed by meshopt; export it without".into()));
         }
         let content = self.which.get(view.buffer).copied().flatten().map(|k| &self.contents[k]);
-        let content =
-            content.ok_or_else(|| malformed(record(), format!("its buffer {} is not there; {AGAIN}", view.buffer)))?;
+        let content = content
+            .ok_or_else(|| malformed(record(), format!("its buffer {} does not exist; {AGAIN}", view.buffer)))?;
         let end = view.byte_offset.checked_add(view.byte_length);
         let bytes = end.and_then(|end| content.get(view.byte_offset..end)).ok_or_else(|| {
             let (from, length) = (view.byte_offset, view.byte_length);

@@ -219,7 +219,7 @@ pub(super) struct Scene {
     pub nodes: Vec<usize>,
 }
 
-/// What we look for in `extras`, which may hold anything.
+/// The fields of `extras` that we read; `extras` may contain anything.
 #[derive(Debug, Default)]
 pub(super) struct Extras {
     pub mode: Option<String>,

@@ -1,4 +1,4 @@
-//! Where nodes place meshes.
+//! Placement of meshes by nodes.
 
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 

@@ -65,7 +65,7 @@ fn attributes(store: &Store, primitive: &Primitive, record: &str) -> Result<Gaus
         for k in 0..=2 * l {
             let accessor = coefficient(k).ok_or_else(|| {
                 let what =
-                    format!("SH degree {l} has {there} of {} coefficients, k = {k} is not there; {AGAIN}", 2 * l + 1);
+                    format!("SH degree {l} has {there} of {} coefficients, k = {k} does not exist; {AGAIN}", 2 * l + 1);
                 malformed(record, what)
             })?;
             let values = store.floats(accessor, 3, n)?;

@@ -15,7 +15,7 @@ use super::table::{Slot, Table};
 
 /// Gaussians of a chunk.
 pub(super) const CHUNK: usize = 256;
-/// What a chunk has limits of, by axis; properties are `min_` and `max_` of each.
+/// Quantities with limits per chunk and axis; the properties are `min_` and `max_` of each.
 pub(super) const LIMITS: [[&str; 3]; 3] = [["x", "y", "z"], ["scale_x", "scale_y", "scale_z"], ["r", "g", "b"]];
 /// Properties of a vertex.
 pub(super) const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 /// The greatest number that is stored.
 const GREATEST: f64 = 65535.0;
 
-/// How the coordinates of an axis are stored: numbers of steps from a least value, shifted up.
+/// Encoding of the coordinates of an axis: a number of steps from a minimum, shifted up.
 #[derive(Clone, Copy)]
 struct Axis {
     least: f64,
@@ -19,7 +19,7 @@ struct Axis {
     shift: u32,
 }
 
-/// How means are stored.
+/// Encoding of means.
 pub(super) struct Means {
     axes: [Axis; 3],
 }

@@ -159,7 +159,7 @@ fn rest_bands(model: &Gaussians, order: &[u32], precision: &SogPrecision) -> (Te
     (centroids, labels, entry)
 }
 
-/// How much each Gaussian counts in the palette, in this order.
+/// Weight of each Gaussian in the palette, in this order.
 fn weights(model: &Gaussians, order: &[u32]) -> Vec<f32> {
     let weights: Vec<f64> = order.iter().map(|i| weight(model, *i as usize)).collect();
     let mean = weights.iter().sum::<f64>() / weights.len() as f64;

@@ -1,4 +1,4 @@
-//! One rotation for each Gaussian among those that mean the same.
+//! Selection of one rotation per Gaussian among the equivalent ones.
 
 use glam::{DMat3, DQuat};
 use std::sync::LazyLock;

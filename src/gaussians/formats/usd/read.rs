@@ -12,7 +12,7 @@ use crate::gaussians::MAX_SH_DEGREE;
 /// Deepest nesting of prims.
 const DEEPEST: usize = 1000;
 
-/// What is read of a prim with Gaussians.
+/// Attributes of a prim with Gaussians.
 #[derive(Default)]
 struct Arrays {
     positions: Option<Vec<f32>>,

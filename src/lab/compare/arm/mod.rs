@@ -24,7 +24,7 @@ enum Base {
     Paper,
     /// Another arm in full, and the shares of the run for its prunes if there are two.
     Other(&'static str, [f64; 2]),
-    /// Not pruned; its growth follows from the share that others keep.
+    /// Not pruned; it grows only to the number that the other arms keep.
     NotPruned(fn(Keep) -> Grown),
 }
 

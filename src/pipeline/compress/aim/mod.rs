@@ -9,7 +9,7 @@ mod size;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// What is asked of a file.
+/// The target for a file.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aim {

@@ -113,7 +113,7 @@ pub(super) fn images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
     Ok(rows)
 }
 
-/// Those of the triples that name a point.
+/// The triples that name a point.
 fn marks_of(line: &str) -> Vec<Mark> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let mark = |t: &[&str]| Some((DVec2::new(t[0].parse().ok()?, t[1].parse().ok()?), t[2].parse::<u64>().ok()?));
