@@ -1,13 +1,13 @@
-//! A model under edit, with an account of what each edit left.
+//! A model under edit, with a record of each edit.
 
 use super::{Edit, Error};
 use crate::gaussians::Gaussians;
 use serde::Serialize;
 
-/// The account of one edit.
+/// The record of one edit.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Step {
-    /// The edit, as it was asked for.
+    /// The edit, as the user requested it.
     pub edit: String,
     /// Gaussians before.
     pub before: usize,
@@ -15,10 +15,10 @@ pub struct Step {
     pub after: usize,
     /// Gaussians removed.
     pub removed: usize,
-    /// Why they were removed; `None` for edits that remove none by their nature.
+    /// The reason of the removal; `None` for edits that cannot remove.
     pub why: Option<String>,
-    /// The Gaussians removed, as first and last of each run of numbers in the models as read, one model after the other; `None` unless
-    /// the editor was asked to keep such numbers.
+    /// The removed Gaussians, as first and last index of each range in the concatenated input models; `None` unless the editor
+    /// is `numbered`.
     pub ranges: Option<Vec<[u32; 2]>>,
 }
 
@@ -26,34 +26,29 @@ pub struct Step {
 #[derive(Clone, Debug)]
 pub struct Editor {
     model: Gaussians,
-    /// By Gaussian, its number at the beginning.
+    /// The initial index of each Gaussian.
     numbers: Option<Vec<u32>>,
     steps: Vec<Step>,
 }
 
 impl Editor {
-    /// Begins with a model; `numbered` if steps are to name the Gaussians that they remove.
+    /// Starts with a model; `numbered` if steps are to list the removed Gaussians.
     pub fn new(model: Gaussians, numbered: bool) -> Self {
         let numbers = numbered.then(|| (0..model.len() as u32).collect());
         Self { model, numbers, steps: Vec::new() }
     }
 
-    /// The model as it is now.
+    /// The current model.
     pub fn model(&self) -> &Gaussians {
         &self.model
     }
 
-    /// The account so far.
-    pub fn steps(&self) -> &[Step] {
-        &self.steps
-    }
-
-    /// The model and the whole account.
+    /// The model and the records of all edits.
     pub fn finish(self) -> (Gaussians, Vec<Step>) {
         (self.model, self.steps)
     }
 
-    /// Makes an edit; `name` is how it was asked for, `why` says what it removes.
+    /// Applies an edit; `name` is the user's request, `why` the reason of its removals.
     pub fn apply(&mut self, edit: &Edit, name: &str, why: &str) -> Result<&Step, Error> {
         let before = self.model.len();
         let order = matches!(edit, Edit::MortonOrder).then(|| super::order::morton(&self.model.means));
@@ -71,10 +66,9 @@ impl Editor {
         Ok(self.account(name, kept.is_some().then(|| why.to_owned()), before, ranges))
     }
 
-    /// Keeps some Gaussians, n flags, for a reason of its own.
+    /// Keeps the Gaussians whose flag is true (n flags), for the reason `why`.
     ///
-    /// # Panics
-    /// If there is not one flag for each Gaussian.
+    /// # Panics If the number of flags is not that of the Gaussians.
     pub fn keep(&mut self, kept: &[bool], name: &str, why: &str) -> &Step {
         let before = self.model.len();
         self.model.compact(kept);
@@ -82,7 +76,7 @@ impl Editor {
         self.account(name, Some(why.to_owned()), before, ranges)
     }
 
-    /// Drops the numbers of Gaussians that are gone and returns them by runs.
+    /// Drops the indices of removed Gaussians and returns them as ranges.
     fn renumber(&mut self, kept: &[bool]) -> Option<Vec<[u32; 2]>> {
         let numbers = self.numbers.as_mut()?;
         let mut gone: Vec<u32> = numbers.iter().zip(kept).filter(|(_, kept)| !**kept).map(|(n, _)| *n).collect();

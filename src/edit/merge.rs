@@ -1,15 +1,14 @@
-//! Several models as one.
+//! Concatenation of models.
 
 use super::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{Loaded, RenderMode};
 use std::path::PathBuf;
 
-/// All Gaussians of several models, one model after the other, with the bands of the one of highest SH degree (what others lack is
-/// zero), and how they are to be drawn. `asked` says so whatever the files say.
+/// Concatenates several models, with the highest SH degree among them (missing bands are zero), and returns their render mode.
+/// `asked` overrides the modes of the files.
 ///
-/// # Errors
-/// [`Error::Modes`] names two files that are to be drawn differently.
+/// # Errors [`Error::Modes`] names two files with different render modes.
 pub fn merge(models: Vec<(PathBuf, Loaded)>, asked: Option<RenderMode>) -> Result<(Gaussians, RenderMode), Error> {
     let mut whole: Option<(Gaussians, PathBuf, RenderMode)> = None;
     for (path, Loaded { gaussians, mode, .. }) in models {

@@ -41,20 +41,20 @@ use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 /// One edit of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Edit {
-    /// Moves, turns and scales; spherical harmonics turn along.
+    /// A similarity of the whole model, including spherical harmonics.
     Transform(Similarity),
-    /// Keeps the Gaussians whose centre is in a region, or those whose centre is not.
+    /// Keeps the Gaussians with their centre in a region, or outside of it.
     Crop {
         /// The region.
         region: Region,
-        /// True to keep what lies outside.
+        /// True to keep the Gaussians outside.
         outside: bool,
     },
     /// Drops the bands above this SH degree.
     ShDegree(usize),
-    /// Removes Gaussians of a lower opacity, 0 to 1.
+    /// Removes Gaussians with a lower opacity, 0 to 1.
     MinOpacity(f64),
-    /// Removes Gaussians of which an axis's standard deviation is larger, in world units.
+    /// Removes Gaussians whose longest axis has a larger standard deviation, in world units.
     MaxSize(f64),
     /// Removes Gaussians of a kind.
     Remove(Unwanted),
@@ -63,7 +63,7 @@ pub enum Edit {
 }
 
 impl Edit {
-    /// The Gaussians that this edit keeps, n; `None` if it removes none by its nature.
+    /// The flags of the Gaussians that this edit keeps, n; `None` if it cannot remove.
     pub fn kept(&self, model: &Gaussians) -> Option<Vec<bool>> {
         match self {
             Self::Crop { region, outside } => Some(region.kept(&model.means, *outside)),
@@ -74,10 +74,9 @@ impl Edit {
         }
     }
 
-    /// Edits a model; returns the Gaussians kept as [`Edit::kept`] does, by their numbers before.
+    /// Edits a model; returns the flags of [`Edit::kept`], by the Gaussians' indices before.
     ///
-    /// # Errors
-    /// [`Error::Overflow`] if a position or size leaves the range of float32; the model is then to be thrown away.
+    /// # Errors [`Error::Overflow`] if a position or size leaves the range of float32; the model is then invalid.
     pub fn apply(&self, model: &mut Gaussians) -> Result<Option<Vec<bool>>, Error> {
         let kept = self.kept(model);
         if let Some(kept) = &kept {

@@ -1,4 +1,4 @@
-//! The order of Gaussians: along a Z-order curve, one attribute after the other.
+//! Order of Gaussians along a Z-order curve.
 
 use crate::gaussians::Attributes;
 use crate::gaussians::Gaussians;
@@ -7,8 +7,8 @@ use rayon::prelude::*;
 /// Bits of an axis.
 const BITS: u32 = 21;
 
-/// Numbers of the points along a Z-order curve through their box; equal places keep their order. Points that are not finite come as
-/// those of the box's corner of least coordinates.
+/// Indices of the points in the order of a Z-order curve through their bounding box; points at equal places keep their order.
+/// Points that are not finite count as the box's minimum.
 pub(super) fn morton(points: &[[f32; 3]]) -> Vec<u32> {
     let finite = || points.iter().filter(|p| p.iter().all(|x| x.is_finite()));
     let low: [f64; 3] = std::array::from_fn(|a| finite().map(|p| f64::from(p[a])).fold(f64::INFINITY, f64::min));
@@ -26,7 +26,7 @@ pub(super) fn morton(points: &[[f32; 3]]) -> Vec<u32> {
     keyed.into_par_iter().map(|(_, i)| i).collect()
 }
 
-/// The lowest 21 bits, two zeros between each and the next.
+/// Spreads the lowest 21 bits, with two zeros between neighbours.
 fn spread(x: u64) -> u64 {
     let x = (x | x << 32) & 0x001f_0000_0000_ffff;
     let x = (x | x << 16) & 0x001f_0000_ff00_00ff;

@@ -8,14 +8,14 @@ use rayon::prelude::*;
 /// A region of space.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Region {
-    /// A box along the world's axes, its faces included.
+    /// An axis-aligned box, including its faces.
     Box {
-        /// Least coordinates in world units.
+        /// Minimum coordinates in world units.
         low: DVec3,
-        /// Greatest coordinates in world units.
+        /// Maximum coordinates in world units.
         high: DVec3,
     },
-    /// A ball, its surface included.
+    /// A sphere, including its surface.
     Sphere {
         /// Its centre in world units.
         centre: DVec3,
@@ -26,13 +26,13 @@ pub enum Region {
     Views {
         /// The cameras.
         cameras: Vec<Camera>,
-        /// How many of them.
+        /// Minimum number of them.
         least: usize,
     },
 }
 
 impl Region {
-    /// A box from its least to its greatest coordinates.
+    /// A box by its minimum and maximum coordinates.
     ///
     /// # Errors
     /// [`Error::Numbers`] for a box without an inside.
@@ -54,7 +54,7 @@ impl Region {
         Ok(Self::Sphere { centre, radius })
     }
 
-    /// True if a point is in it; a point with NaN is in none.
+    /// True if a point is in the region; false for NaN.
     pub fn holds(&self, point: DVec3) -> bool {
         match self {
             Self::Box { low, high } => point.cmpge(*low).all() && point.cmple(*high).all(),
@@ -65,7 +65,7 @@ impl Region {
         }
     }
 
-    /// By point: true if it is in the region, or with `outside` if it is not; points with NaN are kept by neither.
+    /// For each point: true if it is in the region, or, with `outside`, if it is not; always false for NaN.
     pub(super) fn kept(&self, points: &[[f32; 3]], outside: bool) -> Vec<bool> {
         let kept = |point: &[f32; 3]| {
             let point = DVec3::from_array(point.map(f64::from));
@@ -75,7 +75,7 @@ impl Region {
     }
 }
 
-/// True if a point is before the camera and within its picture.
+/// True if a point is in front of the camera and projects into its picture.
 fn shows(camera: &Camera, point: DVec3) -> bool {
     let seen = camera.rotation * point + camera.translation;
     let pixel = seen.truncate() * camera.focal / seen.z + camera.principal;

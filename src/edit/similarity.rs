@@ -6,10 +6,10 @@ use glam::{DMat3, DQuat, DVec3};
 /// Largest difference of a matrix from a similarity, as a share of its scale: files have six digits or more.
 const TOLERANCE: f64 = 1e-4;
 
-/// A map of the world: x -> scale * rotation * x + translation.
+/// The map x -> scale * rotation * x + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
-    /// Orthonormal; its determinant is -1 if the map mirrors.
+    /// Orthonormal; its determinant is -1 for a reflection.
     pub rotation: DMat3,
     /// Above 0.
     pub scale: f64,
@@ -18,10 +18,10 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// The map that changes nothing.
+    /// The identity.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 
-    /// A move, in world units.
+    /// A translation, in world units.
     pub fn shift(translation: DVec3) -> Self {
         Self { translation, ..Self::IDENTITY }
     }
@@ -37,7 +37,7 @@ impl Similarity {
         Err(Error::Numbers(format!("a scale of {scale} leaves no model: give a finite number above 0")))
     }
 
-    /// A turn about an axis through the origin by degrees, by the right hand.
+    /// A right-handed rotation about an axis through the origin, in degrees.
     ///
     /// # Errors
     /// [`Error::Numbers`] for an axis without a direction, or degrees that are not finite.
@@ -59,7 +59,7 @@ impl Similarity {
         Ok(Self { rotation, ..Self::IDENTITY })
     }
 
-    /// The turn of a quaternion (w, x, y, z) of any length but 0.
+    /// The rotation of a quaternion (w, x, y, z) of any length but 0.
     ///
     /// # Errors
     /// [`Error::Numbers`] for zero, or numbers that are not finite.
@@ -72,8 +72,8 @@ impl Similarity {
         Ok(Self { rotation, ..Self::IDENTITY })
     }
 
-    /// The similarity of a matrix of 3 x 4 or 4 x 4 numbers, row by row; the fourth row is 0, 0, 0, 1. Numbers of six digits or more are
-    /// enough: what is left of shear goes.
+    /// The similarity of a matrix of 3 x 4 or 4 x 4 numbers, row by row; the fourth row is 0, 0, 0, 1. Six digits suffice: a
+    /// remaining shear is removed.
     ///
     /// # Errors
     /// [`Error::Numbers`] for another count, a number that is not finite, or another fourth row; [`Error::NotSimilar`].
@@ -106,12 +106,12 @@ impl Similarity {
         Ok(Self { rotation: orthonormal(rough), scale, translation })
     }
 
-    /// The map of a point in world units.
+    /// Maps a point in world units.
     pub fn point(&self, x: DVec3) -> DVec3 {
         self.rotation * x * self.scale + self.translation
     }
 
-    /// True if left becomes right.
+    /// True for a reflection.
     pub fn mirrors(&self) -> bool {
         self.rotation.determinant() < 0.0
     }
@@ -122,7 +122,7 @@ fn orthonormal(matrix: DMat3) -> DMat3 {
     (0..4).fold(matrix, |m, _| (m + m.inverse().transpose()) * 0.5)
 }
 
-/// The shortest turn from one axis to another; half turns between opposite axes go about z, or about x for z itself.
+/// The shortest rotation from one axis to another; opposite axes are rotated about z, or about x for z itself.
 ///
 /// # Errors
 /// [`Error::Numbers`] if one has no direction.

@@ -5,7 +5,7 @@ use crate::gaussians::{BandRotations, Gaussians};
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
-/// Moves, turns and scales a model about the origin of its world; in float64, rounded once.
+/// Applies a similarity about the world's origin to a model; in float64, rounded once.
 pub(super) fn transform(model: &mut Gaussians, by: &Similarity) -> Result<(), Error> {
     if by.scale != 1.0 || by.rotation != DMat3::IDENTITY || by.translation != DVec3::ZERO {
         model.means.par_iter_mut().for_each(|mean| {
@@ -51,7 +51,7 @@ mod tests {
         axes * DMat3::from_diagonal(scales * scales) * axes.transpose()
     }
 
-    /// The twin: A covariance A^T with the map's whole matrix A, also where it mirrors.
+    /// The twin: A covariance A^T with the whole matrix A of the map, including reflections.
     #[test]
     fn ellipsoids_move_as_their_matrices_do() {
         let mut random = Random(3);

@@ -3,23 +3,23 @@
 use crate::gaussians::Gaussians;
 use rayon::prelude::*;
 
-/// Opacity below which no pixel blends a Gaussian: half a step of eight bits is not drawn, nor is anything below a whole one.
+/// Opacity below which no pixel blends a Gaussian: one step of eight bits.
 pub const INVISIBLE: f64 = 1.0 / 255.0;
 
-/// A needle is so many times as long as it is wide, if nothing else is asked for.
+/// Default ratio of a needle's longest axis to its middle one.
 pub const NEEDLE: f64 = 100.0;
 
-/// A kind of Gaussian that nobody misses.
+/// A kind of Gaussian to remove.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unwanted {
-    /// Those that no pixel of any picture can show: of an opacity below [`INVISIBLE`], or with values that the projection leaves out.
+    /// Gaussians that no picture can show: with an opacity below [`INVISIBLE`], or with values that the projection skips.
     Invisible,
     /// Gaussians whose longest axis is this many times as long as the middle one.
     Needles(f64),
 }
 
 impl Unwanted {
-    /// By Gaussian: true if it is not of this kind.
+    /// For each Gaussian: true if it is not of this kind.
     pub(super) fn kept(self, model: &Gaussians) -> Vec<bool> {
         match self {
             Self::Invisible => {
@@ -40,13 +40,13 @@ impl Unwanted {
     }
 }
 
-/// By Gaussian: true if its opacity is at least this; NaN is not.
+/// For each Gaussian: true if its opacity is at least this; false for NaN.
 pub(super) fn at_least(model: &Gaussians, opacity: f64) -> Vec<bool> {
     let least = logit(opacity);
     model.opacity_logits.par_iter().map(|l| f64::from(*l) >= least).collect()
 }
 
-/// By Gaussian: true if no axis's standard deviation is larger, in world units; NaN is.
+/// For each Gaussian: true if no axis has a larger standard deviation, in world units; false for NaN.
 pub(super) fn at_most(model: &Gaussians, size: f64) -> Vec<bool> {
     let most = size.ln();
     model.log_scales.par_iter().map(|scales| scales.iter().all(|s| f64::from(*s) <= most)).collect()

@@ -118,11 +118,6 @@ impl Barrier {
         self.uses & earlier.bit() != 0
     }
 
-    /// Whether only kernels' reads and writes wait for it, and not the sizes of dispatches, copies and fills.
-    pub const fn ends_before_kernels_alone(self) -> bool {
-        self.before_kernels_alone
-    }
-
     pub(super) fn source(self) -> (vk::PipelineStageFlags, vk::AccessFlags) {
         let mut stages = vk::PipelineStageFlags::empty();
         let mut access = vk::AccessFlags::empty();
@@ -271,9 +266,9 @@ mod tests {
     fn a_barrier_ends_before_what_needs_it() {
         let mut h = Hazards::default();
         h.next(&[(1, KernelWrite), (2, KernelWrite)]);
-        assert!(h.next(&[(1, KernelRead)]).expect("a kernel reads it").ends_before_kernels_alone());
+        assert!(h.next(&[(1, KernelRead)]).expect("a kernel reads it").before_kernels_alone);
         let sized = [(1, KernelRead), (2, IndirectRead)];
-        assert!(!h.next(&sized).expect("a size was not ready for that").ends_before_kernels_alone());
+        assert!(!h.next(&sized).expect("a size was not ready for that").before_kernels_alone);
         assert_eq!(h.next(&[(1, IndirectRead), (2, KernelRead)]), None, "all were waited for");
         h.next(&[(1, KernelWrite)]);
         h.next(&[(1, KernelRead)]);

@@ -25,9 +25,9 @@ pub struct Depths {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// The mean, by each Gaussian's share of the pixel; infinite where there is none.
+    /// The mean, weighted by each Gaussian's contribution to the pixel; infinite without any.
     pub expected: Vec<f32>,
-    /// The depth at which half of the light is stopped; infinite where less than half is.
+    /// The depth at which the transmittance falls to a half; infinite if it does not.
     pub median: Vec<f32>,
 }
 
@@ -126,7 +126,7 @@ impl Depths {
     }
 }
 
-/// A depth in steps of `unit`: 0 for none, 65,535 for all that is farther.
+/// A depth in steps of `unit`: 0 for none, at most 65,535.
 fn step(depth: f32, unit: f64) -> u16 {
     if depth.is_finite() { (f64::from(depth) / unit).round().max(1.0) as u16 } else { 0 }
 }

@@ -1,4 +1,4 @@
-//! Evidence of floaters: what each photo, or each of a model's own pictures, shows of each Gaussian.
+//! Evidence for the detection of floaters, from photos or from a model's own pictures.
 
 use super::budget::{self, CompressNeeds};
 use super::config::{Pruning, Selection};
@@ -19,14 +19,14 @@ use crate::train::{self, Options, Trainer};
 use serde::Serialize;
 use std::fmt;
 
-/// Floaters by what gave them away.
+/// Numbers of floaters by rule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct FloaterCounts {
-    /// The photos that see them want them gone.
+    /// The photos that see them disagree with them.
     pub disagree: usize,
-    /// They show near one camera only.
+    /// They are close to a single camera.
     pub near_one: usize,
-    /// No photo needs them, and nothing is near them.
+    /// No photo needs them, and they are isolated.
     pub alone: usize,
 }
 
@@ -124,7 +124,7 @@ pub fn of_training(
     Ok(evidence.floaters(model))
 }
 
-/// Adds what a photo shows.
+/// Adds the evidence of a photo.
 fn add(
     session: &Session<'_>,
     (model, evidence): (&Gaussians, &mut Evidence),
@@ -139,7 +139,8 @@ fn add(
 /// Scores, with the residual.
 const WANTED: Wanted = Wanted { scores: true, residual: true, channels: false };
 
-/// As [`by_photos`] by a model's own pictures, with which it agrees: they show what is near one camera, and what is alone.
+/// As [`by_photos`], by a model's own pictures. The model agrees with them, so only the rules for a single camera and for
+/// isolated Gaussians apply.
 pub fn by_own_pictures(
     session: &Session<'_>,
     model: &Gaussians,

@@ -6,7 +6,7 @@ use crate::scene::{OpenOptions, Scene, origin};
 use glam::DVec3;
 use std::path::Path;
 
-/// Lets the means of a model, which count from `from` in the world, count from where the coordinates of a scene do.
+/// Moves the means of a model from the local origin `from` to a scene's.
 pub fn place(model: &mut Gaussians, from: &mut [f64; 3], (scene, images): (&Path, Option<&Path>)) -> Result<(), Error> {
     let near = *from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO;
     if !near {
@@ -16,7 +16,7 @@ pub fn place(model: &mut Gaussians, from: &mut [f64; 3], (scene, images): (&Path
     Ok(())
 }
 
-/// As [`place`]. A model that names no place of its own lies in the world if that brings it nearer to the scene.
+/// As [`place`]. A model without a recorded origin is assumed to use the world's if that brings it closer to the scene.
 pub fn place_in(model: &mut Gaussians, from: &mut [f64; 3], scene: &Scene) {
     let (own, mean) = (DVec3::from(*from), mean(model));
     let in_world = own != DVec3::ZERO || mean.distance(scene.origin) < mean.length();

@@ -1,4 +1,4 @@
-//! A program that works for this one: it is followed line by line, and ends with it.
+//! A child process, whose output is read line by line, and which ends with this program.
 
 use crate::pipeline::Error;
 use crate::pipeline::watcher::Watcher;
@@ -10,9 +10,9 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-/// Time between two looks at the watcher, and for the last words of a program that has ended.
+/// Interval of the checks of the watcher, and timeout for the last output of a program that has ended.
 const LOOK: Duration = Duration::from_millis(50);
-/// Pieces of output that wait to be read; the program then waits, too.
+/// Maximum number of unread pieces of output; beyond it the program waits.
 const WAITING: usize = 64;
 
 /// A piece of a program's output.
@@ -105,7 +105,7 @@ pub(super) fn run(
     if status.success() { Ok(()) } else { Err(failed(program, status.to_string(), last, log)) }
 }
 
-/// Passes on what the program says until it ends; returns its last line that says something.
+/// Passes on the program's output until it ends; returns its last line that is not empty.
 fn follow(
     child: &mut Child,
     said: &Receiver<Said>,

@@ -25,8 +25,8 @@ const MODELS: (&str, &str) = ("OPENCV", "SIMPLE_RADIAL");
 /// A quarter of the host memory that a thread may need, in bytes.
 const THREAD_BYTES: u64 = 1 << 28;
 
-/// Estimates poses, into the folder of models. Finished steps of an interrupted job are not repeated; unfinished ones go
-/// on with what is in the database.
+/// Estimates poses, and writes them to the folder of models. Finished steps of an interrupted job are not repeated; unfinished
+/// ones continue with the contents of the database.
 pub(super) fn run(
     folder: &mut Folder,
     (matching, rig): (Matching, Option<&Rig>),
@@ -119,7 +119,7 @@ impl Colmap<'_> {
         folder.matched(matching)
     }
 
-    /// Finds the poses; `known` says whether it is known how a rig's cameras stand to each other, and what their lenses are.
+    /// Finds the poses; `known` says whether the relative poses and the lenses of a rig's cameras are known.
     fn map(&self, folder: &Folder, known: (bool, bool)) -> Result<(), Error> {
         // Parts that an interrupted mapper left are not whole.
         let models = folder.models();
@@ -137,7 +137,7 @@ impl Colmap<'_> {
         if nothing && matches!(ended, Err(Error::Program { .. })) { Ok(()) } else { ended }
     }
 
-    /// Puts a rig into the database, whose cameras stand as the file says, or as in `model`. Returns false if COLMAP refuses it.
+    /// Puts a rig into the database, with relative poses from the file or from `model`. Returns false if COLMAP refuses it.
     fn configure(&self, folder: &Folder, rig: &Rig, model: Option<&Path>) -> Result<bool, Error> {
         let config = folder.work().join(rig::FILE);
         fs::write(&config, &rig.text).map_err(|source| Error::Write { path: config.clone(), source })?;
@@ -153,8 +153,8 @@ impl Colmap<'_> {
         }
     }
 
-    /// Finds the poses again, now with the cameras of a rig kept together. How they stand to each other is the mean of what the
-    /// poses say so far.
+    /// Finds the poses again, with the cameras of a rig kept together. Their relative poses are the means over the poses so
+    /// far.
     fn together(&self, folder: &Folder, rig: &Rig) -> Result<(), Error> {
         let (models, alone) = (folder.models(), folder.work().join("alone"));
         let Some((model, without)) = parts::largest(&models) else { return Ok(()) };

@@ -1,4 +1,4 @@
-//! The folder of a posed scene: what is in it already, and what it was made from.
+//! The folder of a posed scene: its contents and their origin.
 
 use super::{Backend, Matching, Options, Posed};
 use crate::pipeline::Error;
@@ -8,7 +8,7 @@ use std::fs;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
-/// The file that marks the folder as written by this program, and tells what was done.
+/// The file that marks the folder as written by this program, and records the work done.
 const RECORD: &str = "pose.json";
 const MADE_BY: &str = "qirf-vk pose";
 
@@ -48,7 +48,7 @@ pub(super) struct Folder {
 }
 
 impl Folder {
-    /// Looks into the folder, and changes nothing.
+    /// Reads the folder without changes.
     ///
     /// # Errors
     /// [`Error::NotOurs`] if something else is in it; a record that cannot be read.
@@ -134,7 +134,7 @@ impl Folder {
         self.write()
     }
 
-    /// Notes the result. The database, which is large, goes.
+    /// Records the result, and removes the database, which is large.
     pub fn finish(mut self, posed: &Posed) -> Result<(), Error> {
         self.record = Record { posed: Some(posed.clone()), features: 0, matched: None, ..self.record };
         self.write()?;
@@ -184,8 +184,8 @@ impl Folder {
     }
 }
 
-/// Removes a file within a folder, and the subfolders that it leaves empty. A link may lead out of the folder: what lies
-/// elsewhere stays.
+/// Removes a file within a folder, and the subfolders that it leaves empty. Files outside, to which a link may lead, are not
+/// removed.
 fn remove(folder: &Path, name: &Path) {
     let path = folder.join(name);
     let real = |path: Option<&Path>| path.and_then(|p| fs::canonicalize(p).ok());

@@ -24,7 +24,7 @@ pub use source::is_video;
 const FEATURES: &str = "features";
 const MATCHES: &str = "matches";
 const POSES: &str = "poses";
-/// Fewest photos with poses that make a scene.
+/// Minimum number of photos with poses for a scene.
 const FEWEST: usize = 3;
 /// Smallest share of the photos that must get poses, and the share below which the user is warned.
 const SHARES: (f64, f64) = (0.2, 0.8);

@@ -123,11 +123,6 @@ pub fn symmetric<T: From<f32> + Copy + Default>(m: usize, packed: &[f32]) -> Vec
 }
 
 impl Assembled<'_> {
-    /// The batch's blocks, as numbers in the partition.
-    pub fn blocks(&self) -> Range<usize> {
-        self.blocks.clone()
-    }
-
     /// The matrices of each block, with its number.
     pub fn iter(&self) -> impl Iterator<Item = (usize, BlockMatrices<'_>)> {
         let first = self.starts[self.blocks.start] as usize;

@@ -1,6 +1,6 @@
 //! Per-Gaussian gradient sums for accumulation by float atomics.
 
-use super::slots::SlotSums;
+use super::slot_sums::SlotSums;
 use crate::gpu::{Buffer, Device, Feature, Result};
 
 /// Per-Gaussian gradient sums, accumulated by float atomics.
@@ -11,11 +11,6 @@ pub struct AtomicSums {
 }
 
 impl AtomicSums {
-    /// Bytes of the sums of `gaussians` Gaussians.
-    pub fn bytes(gaussians: usize) -> u64 {
-        Buffer::<u32>::bytes_of(gaussians) + SlotSums::bytes(gaussians, false)
-    }
-
     /// Returns true if the device adds floats atomically.
     pub fn are_supported(device: &Device) -> bool {
         device.info().has(Feature::FloatAtomics)

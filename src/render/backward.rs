@@ -3,7 +3,7 @@
 use super::atomic_sums::AtomicSums;
 use super::bin;
 use super::frame::{Frame, Launch};
-use super::slots::SlotSums;
+use super::slot_sums::SlotSums;
 use crate::gpu::Buffer;
 use crate::primitives::Pairs;
 

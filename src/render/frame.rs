@@ -1,7 +1,7 @@
 //! Intermediate arrays of one frame, and the launch parameters of its kernels.
 
 use super::settings::{Settings, Style};
-use super::slots::SlotSums;
+use super::slot_sums::SlotSums;
 use crate::gpu::{Buffer, Device, Result, Tuning};
 use crate::kernels::View;
 use crate::kernels::constants::gradient_row::ROW;

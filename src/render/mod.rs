@@ -14,6 +14,7 @@ mod rasterise_backward;
 mod rasterise_backward_atomic;
 mod renderer;
 mod settings;
+mod slot_sums;
 mod slots;
 mod training;
 
@@ -25,5 +26,6 @@ pub use imbalance::{Distribution, Imbalance};
 pub use parts::{Beside, Outcome, Painter, Part, Parts, Source, binds, capacity, largest};
 pub use renderer::{Image, LEAST_PAIRS, Released, Renderer, STAGES, Settled};
 pub use settings::{Culling, Settings, Style, view};
-pub use slots::{GradientRows, SlotSums, Slots};
+pub use slot_sums::SlotSums;
+pub use slots::{GradientRows, Slots};
 pub use training::{BACKWARD_STAGES, TrainingRenderer};

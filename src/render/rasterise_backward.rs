@@ -1,7 +1,7 @@
 //! Backward pass of the rasterisation: each (tile, Gaussian) slot's sums over the tile's pixels.
 
 use super::backward::{Pass, Sums};
-use super::slots::SlotSums;
+use super::slot_sums::SlotSums;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{RasteriseBackward, RasteriseBackwardSpec};
 

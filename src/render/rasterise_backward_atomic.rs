@@ -3,7 +3,7 @@
 
 use super::atomic_sums::AtomicSums;
 use super::backward::{Pass, Sums};
-use super::slots::SlotSums;
+use super::slot_sums::SlotSums;
 use crate::gpu::{Groups, Recording};
 use crate::kernels::render::{RasteriseBackwardAtomic, RasteriseBackwardAtomicSpec};
 

@@ -3,7 +3,8 @@
 
 use super::bin;
 use super::frame::{Frame, Launch};
-use crate::gpu::{Buffer, Device, Result};
+use super::slot_sums::SlotSums;
+use crate::gpu::Buffer;
 use crate::kernels::View;
 
 /// Arrays of the picture recorded last. Slots of one Gaussian are contiguous, in the order of its tiles.
@@ -52,58 +53,6 @@ pub struct GradientRows<'a> {
     pub limit: u32,
     /// By Gaussian: see `lib/gradient_row.glsl`.
     pub values: &'a Buffer<f32>,
-}
-
-/// Sums that the rasteriser's backward pass writes to each slot: see `lib/slot_sums.glsl`.
-pub struct SlotSums {
-    /// Sums for the gradients by opacity and position; then the gradient by red.
-    pub position: Buffer<[f32; 4]>,
-    /// Sums for the gradient by the covariance; then the gradient by green.
-    pub covariance: Buffer<[f32; 4]>,
-    /// The gradient by blue.
-    pub blue: Buffer<f32>,
-    responses: Option<Buffer<[f32; 4]>>,
-}
-
-impl SlotSums {
-    /// Bytes of [`SlotSums::new`].
-    pub(super) const fn bytes(slots: usize, responses: bool) -> u64 {
-        let vectors = if responses { 3 } else { 2 };
-        vectors * Buffer::<[f32; 4]>::bytes_of(slots) + Buffer::<f32>::bytes_of(slots)
-    }
-
-    /// Sums of `slots` slots.
-    pub(super) fn new(device: &Device, slots: usize, responses: bool) -> Result<Self> {
-        let mut sums = Self {
-            position: device.buffer("position sums", slots)?,
-            covariance: device.buffer("covariance sums", slots)?,
-            blue: device.buffer("blue sums", slots)?,
-            responses: None,
-        };
-        if responses {
-            sums.make_room_for_responses(device)?;
-        }
-        Ok(sums)
-    }
-
-    pub(super) fn make_room_for_responses(&mut self, device: &Device) -> Result<()> {
-        if self.responses.is_none() {
-            self.responses = Some(device.buffer("response sums", self.blue.len())?);
-        }
-        Ok(())
-    }
-
-    pub(super) fn free_responses(&mut self) {
-        self.responses = None;
-    }
-
-    /// Sums of T alpha, alpha and T alpha times the residual, for responses; also holds the scores' sums.
-    ///
-    /// # Panics
-    /// If there is no room, see [`super::TrainingRenderer::make_room_for_responses`].
-    pub fn responses(&self) -> &Buffer<[f32; 4]> {
-        self.responses.as_ref().expect("room for responses")
-    }
 }
 
 impl<'a> GradientRows<'a> {

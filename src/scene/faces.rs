@@ -1,5 +1,5 @@
-//! Faces: the pinhole views into which a photo is cut that sees more than one pinhole can show, as panoramas and wide
-//! fisheyes do. They are faces of a cube around the camera, which share its place; of a fisheye the parts that it sees.
+//! Faces: the pinhole views into which panoramas and wide fisheyes are cut, because one pinhole cannot show their field of
+//! view. They are faces of a cube around the camera; for a fisheye, the visible parts of them.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
@@ -12,9 +12,9 @@ use super::lens::ideal::WIDEST;
 use super::lens::{Curve, Lens, LensModel};
 use super::view::View;
 
-/// Points along a side of a face at which it is asked what the lens sees.
+/// Sample points along a side of a face, for the part that the lens sees.
 const LOOKS: u32 = 64;
-/// Least share of a face that is worth a view.
+/// Minimum visible share of a face for a view.
 const LEAST: f64 = 0.05;
 
 /// Names of the faces, in the order of names, with the axes right, down and forward of each in those of the photo.
@@ -27,16 +27,16 @@ pub const CUBE: [(&str, [DVec3; 3]); 6] = [
     ("up", [DVec3::X, DVec3::Z, DVec3::NEG_Y]),
 ];
 
-/// A face's place in its photo.
+/// A face of a photo.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Face {
     /// The photo's name.
     pub photo: String,
     /// Rotation from the photo's camera coordinates to the face's.
     pub turn: DMat3,
-    /// Angle in radians: the photo is masked within it of straight down, where the photographer stands.
+    /// Angle in radians around straight down within which the photo is masked, because it shows the photographer.
     pub pole: f64,
-    /// Angle in radians from the lens's axis beyond which nothing is shown.
+    /// Maximum angle in radians from the lens's axis that the photo shows.
     pub reach: f64,
     /// True if a part of the face is hidden.
     pub masked: bool,
@@ -53,8 +53,8 @@ pub(super) struct Cut {
     pub masked: bool,
 }
 
-/// The faces of a lens, in the order of their names; none if one pinhole shows what it sees. A whole face is as many pixels wide
-/// as the photo is over a quarter turn in its middle.
+/// The faces of a lens, in the order of their names; none if one pinhole suffices. The width of a whole face in pixels is that
+/// of the photo over a quarter turn in its middle.
 pub(super) fn of(lens: &Lens) -> Vec<Cut> {
     let Some(reach) = reach(lens) else { return Vec::new() };
     let middle = lens.distort(DVec2::new(1e-6, 0.0)).x / 1e-6;
@@ -138,7 +138,7 @@ pub(super) fn name(photo: &str, face: &str) -> String {
 }
 
 impl Face {
-    /// True if what the face's camera sees along `ray` (its coordinates, any length) is not trained on.
+    /// True if the face is masked along `ray` (in the face's camera coordinates, of any length).
     pub(super) fn hides(&self, lens: &Lens, ray: DVec3) -> bool {
         let ray = self.turn.transpose() * ray;
         ray.angle_between(DVec3::Y) < self.pole || !lens.sees(ray, self.reach)

@@ -1,23 +1,23 @@
-//! Points at the same place, as clouds have that were merged or exported twice, become one.
+//! Merging of duplicate points, which occur in clouds that were merged or exported twice.
 //!
-//! A Gaussian begins with the size of the gap to its neighbours: among copies it would have none.
+//! The initial size of a Gaussian is the gap to its neighbours, which would be zero for duplicates.
 
 use glam::DVec3;
 use rustc_hash::FxHashMap;
 
 use super::Point;
 
-/// Points nearer to each other than this share of the mean gap are one.
+/// Points are duplicates if their distance is below this share of the mean gap.
 const SAME: f64 = 2e-3;
-/// Share of copies up to which a cloud is left as it is: reconstructions have 3 % of such pairs, and 40 % did no harm.
+/// Share of duplicates up to which a cloud is not changed: reconstructions have 3 % of such pairs, and 40 % did no harm.
 const FEW: f64 = 0.2;
-/// Side of a cell of the search, in distances at which points are one.
+/// Side of a cell of the search, in maximum distances of duplicates.
 const CELL: f64 = 8.0;
 /// Share of the points beyond the bounds of the cloud, at each end of each axis.
 const OUTSIDE: f64 = 0.05;
 
-/// The points without copies, in the order of the first ones, which keep their place and colour and are seen by all views
-/// that see a copy; all points if few are copies.
+/// The points without duplicates, in their order. The first of several keeps its position and colour, and is seen by all views
+/// that see one of them. All points if few are duplicates.
 pub(super) fn merge_repeated(points: Vec<Point>) -> Vec<Point> {
     let merged = merge(points.clone());
     if (points.len() - merged.len()) as f64 > FEW * points.len() as f64 { merged } else { points }

@@ -1,17 +1,16 @@
-//! The near plane that suits a scene, whatever its unit of length.
+//! The near plane of a scene, independent of its unit of length.
 
 use super::{Point, Scene, View};
 use crate::kernels::constants::view::NEAR;
 
 /// The near plane as a share of the median depth of the points: 3DGS's 0.2 where that is 9.2.
 const SHARE: f64 = 0.2 / 9.2;
-/// Scenes whose own near plane is so many times nearer or farther than 3DGS's at most keep that: models are trained with it.
+/// Maximum ratio of a scene's own near plane to 3DGS's for which 3DGS's is used, because models are trained with it.
 const USUAL: f64 = 2.5;
-/// Views in which points without a track are looked at.
+/// Number of views for the depths of points without a track.
 const LOOKS: usize = 20;
 
-/// The distance, in world units, before which nothing is drawn: it follows the scene's size. 3DGS's in scenes of usual size,
-/// and where nothing tells the size.
+/// The near plane in world units, in proportion to the scene's size; 3DGS's for scenes of usual or unknown size.
 pub(super) fn near(views: &[View], points: &[Point]) -> f32 {
     let own = SHARE * size(views, points);
     let usual = f64::from(NEAR);
@@ -39,8 +38,8 @@ impl Scene {
     }
 }
 
-/// The median depth of the points in the views that see them, or that which a tenth of them are nearer than where panoramas see
-/// near and far things at once; without points, the median distance of the cameras from their mean.
+/// The median depth of the points in the views that see them, or the 10th percentile for panoramas, which see near and far at
+/// once; without points, the median distance of the cameras from their mean.
 pub(super) fn size(views: &[View], points: &[Point]) -> f64 {
     let few = views.iter().step_by(views.len().div_ceil(LOOKS).max(1));
     let depth = |view: &View, point: &Point| view.camera.depth(point.position);

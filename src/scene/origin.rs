@@ -1,15 +1,16 @@
-//! Worlds far from their origin, as those of maps: coordinates of float32 would be steps of half a metre there.
+//! Local origins of scenes far from the world's origin, such as those in map coordinates, where float32 has steps of half a
+//! metre.
 
 use glam::DVec3;
 
 use super::{Scene, camera};
 
-/// A place so many times farther from the origin than its own size is given an origin of its own: float32 then tells a
-/// hundred-thousandth of the size apart.
+/// Minimum ratio of a scene's distance from the origin to its size for a local origin; below it, float32 resolves a
+/// hundred-thousandth of the size.
 const FAR: f64 = 1000.0;
 
-/// The origin that suits what lies round `centre` and is `size` large: the world's, unless that is far; then the centre,
-/// rounded to a power of ten that is no larger than the size.
+/// The origin for a scene of this centre and size: the world's, unless that is far; then the centre, rounded to a power of ten
+/// that is no larger than the size.
 pub fn near(centre: DVec3, size: f64) -> DVec3 {
     let far = centre.is_finite() && size > 0.0 && centre.abs().max_element() > FAR * size;
     if !far {
@@ -30,7 +31,7 @@ pub fn near(centre: DVec3, size: f64) -> DVec3 {
 }
 
 impl Scene {
-    /// Counts coordinates from an origin of the scene's own if the world's is far away, and notes it.
+    /// Moves coordinates to a local origin if the world's is far away, and records it.
     pub(super) fn move_near(mut self) -> Self {
         let cameras = || self.views.iter().map(|view| &view.camera);
         let size = (camera::extent(cameras()) / 1.1).max(super::near::size(&self.views, &self.points));

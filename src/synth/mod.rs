@@ -4,6 +4,7 @@
 //! something moves, and `synth.json`, which records the options. Equal options give equal bytes on any number of
 //! threads.
 
+mod builder;
 mod bvh;
 mod colmap;
 mod error;

@@ -2,39 +2,12 @@
 
 use super::{
     Effect, Kind, SynthOptions,
+    builder::{Builder, Ground, Surface},
     bvh::Bvh,
     geometry::Solid,
-    materials::{Gloss, Paint},
-    noise::rgb,
-    plaza, sky, terrain,
+    materials::Gloss,
+    plaza, terrain,
 };
-
-/// Material of a solid.
-#[derive(Clone, Debug)]
-pub(super) struct Surface {
-    pub paint: Paint,
-    pub gloss: Option<Gloss>,
-    /// About a pixel wide in the default photos.
-    pub thin: bool,
-}
-
-/// The ground at z = 0, and the radius within which objects cast light and shadow on it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Ground {
-    /// Which painting.
-    pub kind: Kind,
-    /// Radius of the dome about the origin, in metres.
-    pub dome: f32,
-    /// Square of the distance from the origin beyond which no shadow falls.
-    pub shadows: f32,
-    /// Square of the distance from the z axis beyond which nothing hides the sky.
-    pub walls: f32,
-}
-
-impl Ground {
-    /// The plaza's: nothing stands outside its fence.
-    pub const PLAZA: Self = Self { kind: Kind::Plaza, dome: sky::DOME, shadows: 49.0, walls: 12.0 };
-}
 
 /// A scene without floor and sky.
 pub(super) struct Place {
@@ -49,24 +22,6 @@ pub(super) struct Place {
 
 /// The polish of everything else if every surface reflects.
 const VARNISH: Gloss = Gloss { f0: 0.08, shininess: 60.0 };
-
-/// Solids and surfaces of a scene under construction.
-pub(super) struct Builder {
-    pub solids: Vec<Solid>,
-    pub surfaces: Vec<Surface>,
-}
-
-impl Builder {
-    pub fn put(&mut self, solid: Solid, paint: Paint) {
-        self.solids.push(solid);
-        self.surfaces.push(Surface { paint, gloss: None, thin: false });
-    }
-
-    pub fn thin(&mut self, solid: Solid, colour: u32) {
-        self.solids.push(solid);
-        self.surfaces.push(Surface { paint: Paint::Plain(rgb(colour)), gloss: None, thin: true });
-    }
-}
 
 impl Place {
     /// The scene that the options ask for.

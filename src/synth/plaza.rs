@@ -5,10 +5,10 @@ use std::f32::consts::TAU;
 use glam::{Mat3, Vec3};
 
 use super::{
+    builder::{Builder, Surface},
     geometry::Solid,
     materials::{Gloss, Paint},
     noise::{pick, rgb},
-    place::{Builder, Surface},
     random::{Random, Stream},
 };
 

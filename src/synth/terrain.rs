@@ -7,10 +7,10 @@ use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use super::{
     Kind, SynthOptions,
+    builder::{Builder, Ground},
     geometry::Solid,
     materials::Paint,
     noise::{cell, pick, plane_fbm, rgb, step, whole},
-    place::{Builder, Ground},
     random::{Random, Stream},
     sky,
 };

@@ -24,8 +24,8 @@ pub struct CompressConfig {
 }
 
 impl CompressConfig {
-    /// The usual rule of a compression, with this much training after it. Without any, what each block loses stays lost: every block
-    /// keeps its share.
+    /// The default rule of a compression, with this many iterations of training after it. Without training, every block keeps
+    /// its share, since no other block can replace its losses.
     pub fn rule(fine_tune: u32) -> PruneRule {
         let budget = if fine_tune == 0 { Budget::PerBlock } else { Budget::default() };
         PruneRule { selector: Selector::Pairs, budget, ..PruneRule::default() }
@@ -33,7 +33,7 @@ impl CompressConfig {
 }
 
 impl Default for CompressConfig {
-    /// Merges pairs by the model's own pictures before black, and trains nothing afterwards.
+    /// Merges pairs by the model's own pictures over black, without training afterwards.
     fn default() -> Self {
         Self {
             compression: Self::rule(0),

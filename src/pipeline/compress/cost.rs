@@ -7,11 +7,11 @@ use crate::pipeline::eval;
 use crate::pipeline::{Error, Session};
 use crate::render::Style;
 
-/// PSNR in dB of a file's pictures from which on its settings are fine enough.
+/// PSNR in dB of a file's pictures that suffices.
 const FINE: f64 = 44.0;
 
-/// Packs a whole model, and measures the PSNR of its pictures in dB; none if they are equal. Settings are the format's usual ones, or
-/// finer ones if pictures show a loss.
+/// Packs a whole model, and measures the PSNR of its pictures in dB; none if they are equal. The settings are the format's
+/// usual ones, or finer ones if the loss is visible.
 pub fn pack(
     session: &Session<'_>,
     (model, style): (&Gaussians, Style),

@@ -16,9 +16,9 @@ use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views::ALL;
 use std::path::PathBuf;
 
-/// Sizes: that of the smallest whole model, and each half of the one before.
+/// Number of sizes: that of the smallest whole model, then halves.
 const SIZES: u32 = 6;
-/// The size whose settings are measured attribute by attribute.
+/// Index of the size whose settings are measured attribute by attribute.
 const MIDDLE: u32 = 2;
 
 /// Settings of a curve.

@@ -24,14 +24,14 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-/// Views by which files are compared, at most.
+/// Maximum number of views by which files are compared.
 const JUDGES: usize = 8;
 /// Loss in dB that a format's settings may add to that of a prune.
 const MOST_LOSS: f64 = 0.5;
-/// Files that a search tries, about: for its progress bar.
+/// Approximate number of files that a search tries, for its progress bar.
 const TRIES: usize = 9;
 
-/// Pictures of the original, and how a file's pictures are compared with them.
+/// Comparison of a file's pictures with those of the original.
 pub struct Judge<'a> {
     session: &'a Session<'a>,
     views: &'a Views,
@@ -39,7 +39,8 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    /// Draws, or takes, a few of the views trained on; with `held_out`, takes those held out, if there are some.
+    /// Takes a few training views, or, with `held_out`, the held-out views if there are any; draws them if they are the model's
+    /// own pictures.
     pub fn new(
         session: &'a Session<'a>,
         views: &'a Views,
@@ -76,7 +77,7 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Puts a file round a packed model.
+/// Wraps a packed model into a file.
 pub type Wrap<'a> = dyn Fn(&[u8]) -> Vec<u8> + 'a;
 
 /// A file to write.
@@ -90,14 +91,14 @@ pub struct Target<'a> {
     pub spz: SpzVersion,
     /// Requested precision of the values; by default pictures decide.
     pub precision: Option<Precision>,
-    /// The file round a packed model; `None` if that is the file.
+    /// The file that contains a packed model; `None` if the packed model is the file.
     pub wrap: Option<&'a Wrap<'a>>,
     /// Local origin of the means in the world.
     pub origin: [f64; 3],
 }
 
 impl<'a> Target<'a> {
-    /// A file that is the model alone.
+    /// A file that only contains the model.
     pub fn new(path: &'a Path) -> Self {
         Self { path, format: path, spz: SpzVersion::default(), precision: None, wrap: None, origin: [0.0; 3] }
     }
@@ -138,7 +139,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// The settings of a model of which no pictures are compared.
+    /// The settings of a model if no pictures are compared.
     pub fn usual(&self, model: &Gaussians) -> Precision {
         self.precision.unwrap_or_else(|| formats::usual(self.format, model))
     }
@@ -188,7 +189,7 @@ impl Trials for Files<'_> {
     }
 }
 
-/// The file that was found.
+/// The result of a search.
 pub struct Fitted {
     /// The choice of Gaussians.
     pub plan: PrunePlan,
@@ -210,7 +211,7 @@ impl<'a> Fitter<'a> {
         Self { judge, model, responses, config, sequence }
     }
 
-    /// Searches for the file that `aim` asks for.
+    /// Searches for the file that meets `aim`.
     ///
     /// # Errors
     /// [`Error::Usage`] for a size that even one Gaussian exceeds; those of the trials.
@@ -245,8 +246,8 @@ fn readable(bytes: u64) -> String {
     if bytes < 10_000 { format!("{bytes}B") } else { format!("{}kB", bytes.div_ceil(1000)) }
 }
 
-/// The packed model that loses little more than the model itself, whose PSNR in the judge's views is `psnr`: the coarsest settings
-/// of its format for which that is so; the usual ones without a judge. None if the format stores floats.
+/// The model packed at the coarsest settings with little loss beyond that of the model itself, whose PSNR in the judge's views
+/// is `psnr`; at the usual settings without a judge. None if the format stores floats.
 pub fn packed(
     judge: Option<&Judge<'_>>,
     model: &Gaussians,
@@ -270,10 +271,10 @@ pub fn packed(
     pack(ladder.finest()).map(Some)
 }
 
-/// The Gaussians of a model that show most, any number of them, at all settings of a format.
+/// Files of any number of a model's Gaussians, those with the largest contributions, at all settings of a format.
 struct Shown<'a> {
     model: &'a Gaussians,
-    /// The Gaussians, those that show most first.
+    /// The Gaussians in descending order of contribution.
     order: Vec<usize>,
     mode: RenderMode,
     target: &'a Target<'a>,
@@ -306,8 +307,8 @@ impl Trials for Shown<'_> {
     }
 }
 
-/// A model packed into at most `most` bytes of file, as finely as that allows; if even the coarsest settings need more, Gaussians that show
-/// least are left out until they do not. `near` is a rung whose file is about as large.
+/// Packs a model into at most `most` bytes of file, at the finest possible settings. If even the coarsest settings need more,
+/// Gaussians with the smallest contributions are removed. `near` is a rung whose file has about this size.
 pub fn within(
     model: &mut Gaussians,
     mode: RenderMode,
@@ -325,7 +326,7 @@ pub fn within(
     Ok(packed)
 }
 
-/// The numbers of the Gaussians, by opacity times area, the largest first.
+/// The indices of the Gaussians in descending order of opacity times area.
 fn by_what_shows(model: &Gaussians) -> Vec<usize> {
     let shown = |i: usize| {
         let sizes = model.log_scales[i];

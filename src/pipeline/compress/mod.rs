@@ -1,4 +1,4 @@
-//! `qirf-vk compress`: from an existing model to a smaller one.
+//! `qirf-vk compress`: reduction of an existing model.
 
 pub mod aim;
 mod config;
@@ -65,7 +65,7 @@ pub fn compress_in_memory(
     Ok((record, model))
 }
 
-/// As [`compress`]; with an aim, the number of Gaussians and the format's settings are those of the best file that meets it.
+/// As [`compress`]. With an aim, the number of Gaussians and the format's settings are those of the best file that meets it.
 ///
 /// # Errors
 /// As of [`compress`]; [`Error::Usage`] for a size that even one Gaussian exceeds, or a selector other than pairs.
@@ -90,11 +90,11 @@ pub fn compress_to(
 struct Reduced {
     record: CompressRecord,
     model: Gaussians,
-    /// It in its format, if that rounds values or has a wanted size.
+    /// The model in its format, if that rounds values or has a target size.
     packed: Option<Vec<u8>>,
 }
 
-/// Compresses a model for a file, which is not written.
+/// Compresses a model for a file, without writing it.
 fn reduce(
     session: &Session<'_>,
     input: Input<'_>,
@@ -196,7 +196,7 @@ fn seconds(since: Instant) -> f64 {
     since.elapsed().as_secs_f64()
 }
 
-/// Keeps at least one Gaussian: a share of a few may round to none, which is no model.
+/// Keeps at least one Gaussian: a small share of few Gaussians may round to none.
 fn at_least_one(keep: Keep, gaussians: usize) -> Keep {
     match keep {
         Keep::Share(share) if share * (gaussians as f64) < 1.0 => Keep::Count(1),

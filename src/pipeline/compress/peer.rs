@@ -8,20 +8,20 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Shares of the Gaussians that are kept, in per cent.
+/// Kept shares of the Gaussians, in per cent.
 const SHARES: [u32; 6] = [100, 50, 28, 15, 10, 5];
 const FORMATS: [&str; 2] = ["sog", "spz"];
-/// Files that are made on the way.
+/// Intermediate files.
 const MADE: [&str; 5] = ["whole.ply", "decimated.ply", "packed.sog", "packed.spz", "back.ply"];
 
-/// splat-transform, as it is started, and a folder for its files.
+/// The command of splat-transform, and a folder for its files.
 pub struct Peer {
     command: Vec<String>,
     version: String,
     folder: PathBuf,
 }
 
-/// A file that it made, as it is read.
+/// A file that it wrote.
 pub struct PeerFile {
     /// Extension of its format.
     pub format: &'static str,
@@ -32,7 +32,8 @@ pub struct PeerFile {
 }
 
 impl Peer {
-    /// The tool that `command` starts, its options after it, or none if it cannot be started. Its files go to `folder` and are removed.
+    /// The tool that `command` starts, with its options, or none if it cannot be started. Its files are written to `folder` and
+    /// removed.
     pub fn find(command: &str, folder: &Path) -> Option<Self> {
         let command: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
         let (program, options) = command.split_first()?;
@@ -48,7 +49,7 @@ impl Peer {
         format!("splat-transform {}", self.version)
     }
 
-    /// The files that it makes of a model, from all Gaussians to few; those at which it fails are noted and left out.
+    /// Its files of a model, from all Gaussians to few; failures are noted and left out.
     ///
     /// # Errors
     /// Files that cannot be written or read; [`Error::Interrupted`].
@@ -88,7 +89,7 @@ impl Peer {
         self.folder.join(format!("peer-{}-{name}", std::process::id()))
     }
 
-    /// A share of the Gaussians, or what went wrong.
+    /// A model with a share of the Gaussians, or the reason of a failure.
     fn decimated(&self, whole: &Path, share: u32) -> Result<PathBuf, String> {
         if share == 100 {
             return Ok(whole.to_owned());
@@ -98,7 +99,7 @@ impl Peer {
         Ok(out)
     }
 
-    /// One file of these Gaussians, or what went wrong.
+    /// One file of these Gaussians, or the reason of a failure.
     fn file(&self, decimated: &Path, format: &'static str) -> Result<PeerFile, String> {
         let path = self.at(&format!("packed.{format}"));
         self.start(&[decimated.as_os_str(), path.as_os_str()])?;

@@ -18,7 +18,7 @@ use std::time::Instant;
 pub struct Scoring<'a> {
     session: &'a Session<'a>,
     views: &'a Views,
-    /// Number of views to score in all stages together, and of those scored so far.
+    /// Number of views to score in all stages, and number of views scored so far.
     total: usize,
     done: usize,
     /// Seconds spent so far.

@@ -1,4 +1,5 @@
-//! The stages of a compression one by one, for jobs that are divided: the same results as [`super::compress`], bit for bit.
+//! The stages of a compression as separate functions, for divided jobs: the results equal those of [`super::compress`], bit for
+//! bit.
 
 use super::at_least_one;
 use super::config::{CompressConfig, ViewSource};
@@ -20,11 +21,11 @@ const NONE: Range<usize> = 0..0;
 
 /// The views of a compression.
 pub struct Census {
-    /// Chunks of views that responses are taken from.
+    /// Number of chunks of views with responses.
     pub chunks: usize,
     /// Views held out.
     pub test_views: usize,
-    /// Names of the photos trained on, and of those held out; none of the model's own pictures.
+    /// Names of the training photos and of the held-out photos; empty for the model's own pictures.
     pub photos: [Vec<String>; 2],
     /// Background of the pictures.
     pub background: [f32; 3],
@@ -50,7 +51,7 @@ pub fn census(session: &Session<'_>, model: &Gaussians, config: &CompressConfig)
     Ok(Census { chunks, test_views, photos, background: views.settings.background, protocol })
 }
 
-/// The responses of one chunk of views. Of photos, which are named, only those of the chunk are decoded; they may have known
+/// The responses of one chunk of views. If `photos` are named, only those of the chunk are decoded; they may have known
 /// exposures.
 pub fn evidence(
     session: &Session<'_>,
@@ -78,7 +79,7 @@ pub fn evidence(
     train::respond(session, shown.source(), model.degree(), (&Views { exposures, ..views }, Some(all)), config)
 }
 
-/// The choice of Gaussians, by the responses of all chunks in their order. Photos are named, and are not decoded.
+/// Selects the Gaussians by the responses of all chunks in their order. Photos are named, but not decoded.
 pub fn choose(
     session: &Session<'_>,
     model: &Gaussians,
@@ -93,7 +94,8 @@ pub fn choose(
     prune::plan(session.device, shown.source(), model, &responses, &request)
 }
 
-/// The scores of a compressed model in the views held out with these numbers. Photos held out are named, and only these are decoded.
+/// The scores of a compressed model in the held-out views with these indices. Held-out photos are named, and only these are
+/// decoded.
 pub fn score(
     session: &Session<'_>,
     model: &Gaussians,

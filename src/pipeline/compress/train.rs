@@ -17,7 +17,7 @@ use crate::train::loss::Weights;
 use crate::train::schedule::{MEAN_FROM, Schedule};
 use crate::train::{self, Options, Trainer};
 
-/// Responses of the training views to each Gaussian of a model. With `of`, the views are a chunk of so many.
+/// Responses of the training views to each Gaussian of a model. With `of`, the views are a chunk of `of` views.
 pub fn respond(
     session: &Session<'_>,
     model: Source<'_>,

@@ -21,9 +21,9 @@ use std::ops::Range;
 /// Training and held-out views of a compression.
 pub struct Views {
     pub truth: Truth,
-    /// Views of responses and fine-tuning; the model's own pictures have pixels only if there is fine-tuning.
+    /// Views for responses and fine-tuning; the model's own pictures have pixels only if there is fine-tuning.
     pub train: Vec<Photo>,
-    /// Names of the training photos; none of the model's own pictures.
+    /// Names of the training photos; empty for the model's own pictures.
     pub names: Vec<String>,
     pub test: Vec<(String, Photo)>,
     /// Scale of the positions' learning rate.
@@ -36,8 +36,8 @@ pub struct Views {
 }
 
 impl Views {
-    /// Checks that the job fits the device, then decodes the photos or draws the model's own pictures; also returns the
-    /// model where it is. Of the views held out, only those with the numbers `held_out` are there.
+    /// Checks that the job fits the device, then decodes the photos or draws the model's own pictures. Also returns the model
+    /// on the host or the device. Of the held-out views, only those with the indices `held_out` are loaded.
     pub fn load<'m>(
         session: &Session<'_>,
         model: &'m Gaussians,
@@ -57,7 +57,7 @@ impl Views {
         }
     }
 
-    /// As [`Self::load`], of the photos with these names alone: all of them are to train on.
+    /// As [`Self::load`], only for the photos with these names, all of which are training photos.
     ///
     /// # Errors
     /// Those of reading a scene; [`Error::LostPhoto`]; device memory.
@@ -86,8 +86,8 @@ impl Views {
         Ok((Self { truth, train, names, test, extent, settings, exposures: None, estimated_bytes }, shown))
     }
 
-    /// The cameras of the views to train on, of which no photo is decoded, and what pictures are drawn with. `names` has the photos
-    /// to train on, if there are photos; their background is known.
+    /// The cameras of the training views, the settings of their pictures, and the model, without decoding photos. `names` lists
+    /// the training photos, if there are photos; their background is known.
     ///
     /// # Errors
     /// Those of reading a scene; [`Error::LostPhoto`]; device memory.
@@ -166,7 +166,7 @@ impl Views {
     }
 }
 
-/// Gaussians that are fine-tuned at most.
+/// Maximum number of Gaussians in fine-tuning.
 fn trained(config: &CompressConfig, model: &Gaussians) -> usize {
     match config.compression.keep {
         _ if config.fine_tune == 0 => 0,

@@ -19,11 +19,11 @@ use read::Map;
 /// Gaussians where they are needed.
 const PIXELS_BY_POINT: u64 = 32;
 const POINTS: (usize, usize) = (5_000, 100_000);
-/// Fewest points that tell a map's scale.
+/// Minimum number of points for a map's scale.
 const FEWEST: usize = 8;
-/// Median deviation from the scale, as a share of it, from which on a map does not fit the points.
+/// Median relative deviation from the scale above which a map does not fit the points.
 const APART: f64 = 0.2;
-/// Most pixels that are kept of a map: it shows shapes, not texture.
+/// Maximum number of pixels of a map: it shows shapes, not texture.
 const MOST_PIXELS: f64 = 65_536.0;
 
 /// The depth maps of a scene's views, before its photos are read.
@@ -43,7 +43,7 @@ pub struct DepthMaps {
 enum Scale {
     /// The capture's points, which deviate by this share of the depth in the median.
     Points(f64, f64),
-    /// Nothing: too few points lie in it.
+    /// None: too few points lie in it.
     Unknown,
     /// The points contradict every scale.
     Apart,
@@ -57,8 +57,8 @@ struct Found {
 
 /// The depth maps of `views`, for pictures of this size.
 ///
-/// Each map has the scale at which it agrees with the scene's points, or, if too few of them lie in it, the other maps'.
-/// Without any, its numbers are world units.
+/// Each map is scaled to fit the scene's points, or, if too few of them lie in it, by the scale of the other maps. Without any
+/// scale, its numbers are world units.
 pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     let with: Vec<usize> = views.iter().copied().filter(|v| scene.views[*v].depth.is_some()).collect();
     if with.is_empty() {
@@ -100,7 +100,7 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     DepthMaps { maps, evidence: DepthEvidence { maps: usable, by, deviation }, points, notes }
 }
 
-/// Notes for the user: maps that are not used, the reason, and what the others gave.
+/// Notes for the user: unused maps with reasons, and the number of points from the others.
 fn notes(scene: &Scene, found: &[Found], known: &[[f64; 2]], (usable, points): (usize, usize)) -> Vec<String> {
     let unread = |f: &Found| {
         let what = f.map.as_ref().err()?;
@@ -135,12 +135,12 @@ fn find(scene: &Scene, views: &[usize], tracked: bool) -> Found {
     Found { views: views.to_vec(), map }
 }
 
-/// A view's photo: a face's looks along another axis.
+/// The photo of a view; the photo of a face looks along another axis.
 struct Source {
     lens: Lens,
     /// From the view's camera coordinates to the photo's.
     back: DMat3,
-    /// True if depths lie along rays, as those of photos do that show more than a pinhole could.
+    /// True if depths are measured along rays, as for photos that are cut into faces.
     along_rays: bool,
 }
 
@@ -150,12 +150,12 @@ impl Source {
         Self { lens: view.lens.resized(map.width, map.height), back, along_rays: view.face.is_some() }
     }
 
-    /// The map's number for what lies at `place`, in the photo's camera coordinates, over the depth there.
+    /// The map's value divided by the depth at `place`, in the photo's camera coordinates.
     fn depth(&self, place: DVec3) -> f64 {
         if self.along_rays { place.length() } else { place.z }
     }
 
-    /// The number that a map has in a direction, in the photo's camera coordinates.
+    /// The value of a map in a direction, in the photo's camera coordinates.
     fn look(&self, map: &Map, direction: DVec3) -> Option<f64> {
         let at = self.lens.pixel_of(direction);
         let inside = at.min_element() >= 0.0 && at.x < f64::from(map.width) && at.y < f64::from(map.height);
@@ -163,7 +163,7 @@ impl Source {
     }
 }
 
-/// The factor by which a map's depths become those of the points that it shows.
+/// The factor from a map's values to the depths of the points that it shows.
 fn scale<'a>(view: &View, map: &Map, seen: impl Iterator<Item = &'a Point>) -> Scale {
     let source = Source::new(view, map);
     let ratio = |point: &Point| {
@@ -206,7 +206,7 @@ fn seen(view: &View, map: &Map, scale: f64, resize: Resize) -> DepthMap {
     DepthMap { width: camera.width, height: camera.height, depths, unit: scale }
 }
 
-/// At most about `most` points, evenly over what view `v` sees of its map.
+/// About `most` points at most, evenly distributed over the part of the map that view `v` sees.
 fn points(v: usize, view: &View, map: &DepthMap, most: usize) -> Vec<Point> {
     let camera = view.camera.resized(map.width, map.height);
     let stride = (f64::from(map.width) * f64::from(map.height) / most as f64).sqrt().ceil().max(1.0) as u32;
@@ -251,7 +251,7 @@ impl DepthMaps {
         self.maps.get(view)
     }
 
-    /// The map of a view without what is hidden or transparent in its photo; none also if the photo cannot be read.
+    /// The map of a view without the masked or transparent pixels of its photo; none if the photo cannot be read.
     pub fn shown(&self, view: &str, photo: &Photo) -> Option<DepthMap> {
         let map = self.maps.get(view)?;
         if photo.alpha_role == AlphaRole::Opaque {
@@ -269,8 +269,8 @@ impl DepthMaps {
     }
 }
 
-/// Gives the last points of a scene, from the number `from` on, the colours of the photos of their views; those go that a mask hides,
-/// or whose photo is lost.
+/// Colours the points of a scene from index `from` on by the photos of their views, and removes those that a mask hides or
+/// whose photo is lost.
 pub fn colour(scene: &mut Scene, from: usize, photos: &[Photo]) {
     let coloured = |mut point: Point| {
         let photo = photos.get(*point.track.first()? as usize)?;

@@ -1,7 +1,7 @@
-//! The search for the best file: a number of Gaussians and a rung of the format's ladder of settings.
+//! Search for the best file: a number of Gaussians, and a rung of the format's list of settings.
 //!
-//! Bytes and PSNR grow with both. On one rung, a secant over numbers finds the file of the wanted size or PSNR; of the rungs, the one
-//! whose file is best is found by climbing from one to the next.
+//! Bytes and PSNR grow with both. At each rung, a secant search over the number of Gaussians finds the file of the target size
+//! or PSNR. The search proceeds to the next rung as long as the file gets better.
 
 mod psnr;
 mod size;
@@ -13,16 +13,16 @@ use std::collections::BTreeMap;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aim {
-    /// The best picture in at most so many bytes.
+    /// The highest PSNR in at most this many bytes.
     Bytes(u64),
-    /// The fewest bytes for a PSNR in dB, the mean over views.
+    /// The fewest bytes for at least this PSNR in dB, the mean over views.
     Psnr(f64),
 }
 
 /// A file that was tried.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Point {
-    /// Rung of the ladder, from 0, the coarsest.
+    /// Rung of the settings; 0 is the coarsest.
     pub rung: usize,
     /// Gaussians.
     pub gaussians: usize,
@@ -54,19 +54,19 @@ pub enum Found {
     TooSmall(u64),
 }
 
-/// Largest number of files that are tried, without those of one Gaussian.
+/// Maximum number of attempts, not counting files of one Gaussian.
 const MOST: usize = 9;
-/// Trials on one rung.
+/// Maximum number of attempts at one rung.
 const ON_A_RUNG: usize = 4;
 
-/// The search, and what it has tried.
+/// A search and its attempts.
 pub struct Search<'a, T> {
     trials: &'a mut T,
     /// Gaussians of the whole model.
     whole: usize,
-    /// Rungs that are climbed; those between them are for the last few bytes.
+    /// The main rungs; those between them serve to use the last bytes.
     steps: &'a [usize],
-    /// Bytes of a file without Gaussians, about.
+    /// Approximate bytes of a file without Gaussians.
     fixed: f64,
     /// Files tried, by rung and Gaussians.
     tried: BTreeMap<(usize, usize), Point>,

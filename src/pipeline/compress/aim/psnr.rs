@@ -2,7 +2,7 @@
 
 use super::{MOST, ON_A_RUNG, Point, Search, Trials};
 
-/// Largest distance from the PSNR wanted, in dB.
+/// Tolerance of the target PSNR, in dB.
 const NEAR: f64 = 0.04;
 
 impl<T: Trials> Search<'_, T> {
@@ -42,8 +42,8 @@ impl<T: Trials> Search<'_, T> {
         }
     }
 
-    /// The file of the whole model that just has the PSNR wanted, if it is known to have less at one step: by halving the rungs up to
-    /// the next.
+    /// The file of the whole model that just reaches the target PSNR, if it is known to miss it at one step: by bisection of
+    /// the rungs up to the next step.
     fn whole_at(&mut self, wanted: f64) -> Result<Option<Point>, T::Error> {
         let whole = self.whole;
         let below = |p: &&Point| p.gaussians == whole && p.psnr.is_some_and(|psnr| psnr < wanted);
@@ -65,7 +65,7 @@ impl<T: Trials> Search<'_, T> {
         Ok(found)
     }
 
-    /// The file at this rung that has the PSNR wanted; none if the whole model has less, or no trials are left.
+    /// The file at this rung with the target PSNR; none if the whole model has less, or no attempts are left.
     fn reach(&mut self, rung: usize, wanted: f64, guess: f64) -> Result<Option<Point>, T::Error> {
         let mut known: Vec<Point> = Vec::new();
         let mut next = guess;

@@ -2,13 +2,13 @@
 
 use super::{ON_A_RUNG, Point, Search, Trials};
 
-/// A file is as large as asked from this share of the size on.
+/// Minimum share of the target size that counts as reached.
 const LEAST_SHARE: f64 = 0.95;
-/// The share that the secant aims at.
+/// The share of the target size at which the secant search aims.
 const SHARE: f64 = 0.983;
-/// A file is not enlarged further from this share of the size on.
+/// Share of the target size from which a file is not enlarged further.
 const CLOSE: f64 = 0.992;
-/// Bytes of a Gaussian before anything is known of the model.
+/// Initial guess of the bytes of a Gaussian.
 const GUESS: f64 = 10.0;
 
 impl<T: Trials> Search<'_, T> {
@@ -121,7 +121,7 @@ impl<T: Trials> Search<'_, T> {
         Ok(low.0)
     }
 
-    /// A few more steps towards the size, if trials are left.
+    /// A few more steps towards the size, if attempts are left.
     fn polish(&mut self, mut best: Point, size: u64) -> Result<Point, T::Error> {
         let wanted = CLOSE * size as f64;
         if self.left() == 0 || best.gaussians == self.whole || best.bytes as f64 > wanted {
