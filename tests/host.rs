@@ -11,7 +11,6 @@ mod host {
     mod initialise;
     mod learnt_mask;
     mod metrics;
-    mod naive;
     mod qirf;
     mod reference;
     mod scenes;
