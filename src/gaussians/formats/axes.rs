@@ -1,6 +1,7 @@
 //! Axis conventions, and conversions of models between them.
 
 use super::Gaussians;
+use glam::DVec3;
 
 /// Right-up-back: SPZ, OpenGL.
 pub(super) const RIGHT_UP_BACK: u32 = 4;
@@ -14,8 +15,7 @@ pub(super) const LEFT_UP_FRONT: u32 = 7;
 /// Numbers are those of SPZ's extension: the number minus one has one bit per axis. Quaternions and SH follow from the
 /// parity of x, y, z in each component.
 pub(super) fn convert(model: &mut Gaussians, from: u32, to: u32) {
-    let differ = from.wrapping_sub(1) ^ to.wrapping_sub(1);
-    let [x, y, z] = [0, 1, 2].map(|axis| if differ >> axis & 1 == 1 { -1.0f32 } else { 1.0 });
+    let [x, y, z] = signs(from, to);
     if [x, y, z] == [1.0; 3] {
         return;
     }
@@ -33,6 +33,17 @@ pub(super) fn convert(model: &mut Gaussians, from: u32, to: u32) {
             }
         }
     }
+}
+
+/// A place in the other axes.
+pub(super) fn convert_place(place: DVec3, from: u32, to: u32) -> DVec3 {
+    place * DVec3::from(signs(from, to).map(f64::from)) + DVec3::ZERO // no minus zeros
+}
+
+/// 1 or -1 by axis.
+fn signs(from: u32, to: u32) -> [f32; 3] {
+    let differ = from.wrapping_sub(1) ^ to.wrapping_sub(1);
+    [0, 1, 2].map(|axis| if differ >> axis & 1 == 1 { -1.0 } else { 1.0 })
 }
 
 #[cfg(test)]

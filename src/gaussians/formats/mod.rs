@@ -7,6 +7,7 @@
 mod axes;
 mod bytes;
 mod fault;
+mod georeference;
 mod gltf;
 mod ksplat;
 mod linear;
@@ -33,6 +34,7 @@ use serde::Serialize;
 use super::{Error, Gaussians};
 use crate::wording::named;
 use fault::Fault;
+pub use georeference::georeference;
 pub use output::{crc32, refuse_overwrite, remove_leftovers, write_atomically};
 pub use parts::parts;
 pub use precision::{Ladder, Precision, SogPrecision, SpzPrecision, ladder, usual};
@@ -77,7 +79,8 @@ pub struct Loaded {
     pub doubt: Option<String>,
     /// The repairs made.
     pub repairs: Repairs,
-    /// Local origin of the means in the world: non-zero if the file says so, or if it has doubles far from zero.
+    /// Local origin of the means in the world: non-zero if the file or a georeference.json beside it says so, or if the file has
+    /// doubles or a transform far from zero.
     pub origin: [f64; 3],
 }
 
@@ -112,7 +115,11 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
         return sog::read_folder(folder).map(finish).map_err(|fault| fault.at(path));
     }
     let bytes = fs::read(path).map_err(io)?;
-    read_with(&bytes, path, Some(path.parent().unwrap_or(Path::new(""))))
+    let mut loaded = read_with(&bytes, path, Some(path.parent().unwrap_or(Path::new(""))))?;
+    if loaded.origin == [0.0; 3] {
+        loaded.origin = georeference::origin(path);
+    }
+    Ok(loaded)
 }
 
 /// Reads a model from a whole file's bytes; `name` appears in messages and gives the format if the content does not.
@@ -248,8 +255,8 @@ pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(),
     write_at(path, gaussians, mode, [0.0; 3])
 }
 
-/// As [`write()`] for means that count from a place in the world: PLY keeps it in a comment, and [`georeference`] writes it
-/// beside every file.
+/// As [`write()`] for means that count from a place in the world: PLY keeps it in a comment, glTF and USD move the model there, and
+/// [`georeference`] writes it beside every file.
 pub fn write_at(path: &Path, gaussians: &Gaussians, mode: RenderMode, origin: [f64; 3]) -> Result<(), Error> {
     write_atomically(path, body(path, gaussians, (mode, origin), None)?)?;
     georeference(path, origin)
@@ -269,13 +276,13 @@ fn body<'a>(
     let how = || how.unwrap_or_else(|| (usual(path, gaussians), SpzVersion::default()));
     let packed = match Written::of(path)? {
         Written::Ply => return Ok(Box::new(move |out| ply::write(out, gaussians, mode, origin))),
-        Written::CompressedPly => return Ok(Box::new(move |out| ply::write_compressed(out, gaussians, mode))),
-        Written::Usda => return Ok(Box::new(move |out| usd::write(out, gaussians, mode))),
-        Written::Glb => match gltf::write(gaussians, mode) {
+        Written::CompressedPly => return Ok(Box::new(move |out| ply::write_compressed(out, gaussians, mode, origin))),
+        Written::Usda => return Ok(Box::new(move |out| usd::write(out, gaussians, mode, origin))),
+        Written::Glb => match gltf::write(gaussians, mode, origin) {
             Ok(body) => return Ok(Box::new(body)),
             Err(fault) => Err(fault),
         },
-        Written::Usdz => usd::package(gaussians, mode),
+        Written::Usdz => usd::package(gaussians, mode, origin),
         Written::Spz => {
             let (precision, version) = how();
             spz::pack(gaussians, mode, (version, precision.of_spz()))
@@ -284,15 +291,6 @@ fn body<'a>(
     };
     let packed = packed.map_err(|fault| fault.at(path))?;
     Ok(Box::new(move |out| out.write_all(&packed)))
-}
-
-/// Writes georeference.json beside a model: where its means count from in the world. Nothing if that is the world's origin.
-pub fn georeference(path: &Path, origin: [f64; 3]) -> Result<(), Error> {
-    if origin == [0.0; 3] {
-        return Ok(());
-    }
-    let text = format!("{:#}\n", serde_json::json!({ "schema": 1, "origin": origin }));
-    write_atomically(&path.with_file_name("georeference.json"), |out| out.write_all(text.as_bytes()))
 }
 
 /// Writes levels of detail, the finest first, as streamed SOG: `path`, which ends in `lod-meta.json`, and folders beside it.
@@ -327,11 +325,11 @@ pub fn is_levels(path: &Path) -> bool {
 pub fn encode(
     path: &Path,
     gaussians: &Gaussians,
-    mode: RenderMode,
+    place: (RenderMode, [f64; 3]),
     how: (Precision, SpzVersion),
 ) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
-    body(path, gaussians, (mode, [0.0; 3]), Some(how))?(&mut bytes)
+    body(path, gaussians, place, Some(how))?(&mut bytes)
         .map_err(|source| Error::Io { path: path.to_owned(), source })?;
     Ok(bytes)
 }

@@ -123,6 +123,17 @@ impl Tag {
         );
     }
 
+    /// Says that the filters of Mip-Splatting are in a model's scales and opacities now; it is anti-aliased unless a tag says
+    /// otherwise.
+    pub fn smoothed(&mut self) {
+        if !self.stated {
+            self.state(RenderMode::AntiAliased);
+        }
+        self.doubt = Some(
+            "a model of Mip-Splatting: its filter_3D is taken into scales and opacities, and it is anti-aliased".into(),
+        );
+    }
+
     fn not_understood(&mut self, tag: fmt::Arguments<'_>) {
         let shown: String = tag.to_string().chars().take(80).flat_map(char::escape_debug).collect();
         self.doubt = Some(format!("the tag `{shown}` is not understood and ignored"));

@@ -1,17 +1,54 @@
 //! Rotation, scaling and translation of Gaussians, including spherical harmonics.
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::Gaussians;
 use crate::gaussians::BandRotations;
+use crate::scene::origin::near;
+
+/// Largest deviation of a matrix from a turn times a number.
+const EVEN: f64 = 1e-4;
+
+/// Moves a part of a model to its place in the file's world. Where the first part goes far from the world's origin, all count
+/// from there: `origin` gets that place. False for a map that mirrors, or scales axes by different factors.
+pub(super) fn place(model: &mut Gaussians, map: &DAffine3, origin: &mut Option<DVec3>) -> bool {
+    let size = map.matrix3.determinant().cbrt();
+    let turn = map.matrix3 * size.recip();
+    if size <= 0.0 || !(turn.transpose() * turn).abs_diff_eq(DMat3::IDENTITY, EVEN) {
+        return false;
+    }
+    let far = || near(map.translation, size * middle(&model.means.iter().map(|m| wide(*m)).collect::<Vec<_>>()).1);
+    let from = *origin.get_or_insert_with(|| if far() == DVec3::ZERO { DVec3::ZERO } else { map.translation });
+    let shift = map.translation - from;
+    if map.matrix3 != DMat3::IDENTITY || shift != DVec3::ZERO {
+        similarity(model, size, DQuat::from_mat3(&turn).normalize(), shift);
+    }
+    true
+}
+
+/// The middle of places, and their extent without the outermost twentieth at each end of each axis; places that are not finite do
+/// not count.
+pub(super) fn middle(places: &[DVec3]) -> (DVec3, f64) {
+    let ends = |axis: usize| {
+        let mut values: Vec<f64> = places.iter().map(|p| p[axis]).filter(|v| v.is_finite()).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        let at = |share: f64| values.get((share * values.len() as f64) as usize).copied().unwrap_or_default();
+        [at(0.05), at(0.5), at(0.95)]
+    };
+    let [x, y, z] = [ends(0), ends(1), ends(2)];
+    (DVec3::new(x[1], y[1], z[1]), DVec3::new(x[2] - x[0], y[2] - y[0], z[2] - z[0]).length())
+}
+
+fn wide(mean: [f32; 3]) -> DVec3 {
+    DVec3::from(mean.map(f64::from))
+}
 
 /// Applies x -> size * turn x + shift.
 pub(super) fn similarity(model: &mut Gaussians, size: f64, turn: DQuat, shift: DVec3) {
     let grown = size.ln();
     let moved = |mean: &mut [f32; 3]| {
-        let at = DVec3::from(mean.map(f64::from));
-        *mean = (turn * (at * size) + shift).to_array().map(|x| x as f32);
+        *mean = (turn * (wide(*mean) * size) + shift).to_array().map(|x| x as f32);
     };
     model.means.par_iter_mut().for_each(moved);
     model.log_scales.as_flattened_mut().par_iter_mut().for_each(|s| *s = (f64::from(*s) + grown) as f32);

@@ -105,7 +105,7 @@ impl<'a> Target<'a> {
 
     /// The model in this format.
     pub fn pack(&self, model: &Gaussians, mode: RenderMode, precision: Precision) -> Result<Vec<u8>, Error> {
-        formats::encode(self.format, model, mode, (precision, self.spz)).map_err(Error::writing)
+        formats::encode(self.format, model, (mode, self.origin), (precision, self.spz)).map_err(Error::writing)
     }
 
     /// The file of a packed model.

@@ -43,7 +43,10 @@ fn colours_may_stand_in_red_green_and_blue() {
     let floats: [Property; 3] =
         [("float", "red", |i| f64::from(100 * i) / 255.0), ("float", "green", |_| 1.0), ("float", "blue", |_| 0.0)];
     let shares = read(&ply(&[&floats[..], &REST, &[THIRD]].concat()));
-    for model in [whole.gaussians, shares.gaussians] {
+    let bytes: [Property; 3] =
+        [("double", "red", |i| f64::from(100 * i)), ("float", "green", |_| 255.0), ("float", "blue", |_| 0.0)];
+    let counted = read(&ply(&[&bytes[..], &REST, &[THIRD]].concat()));
+    for model in [whole.gaussians, shares.gaussians, counted.gaussians] {
         for (i, row) in model.sh[0].chunks(3).enumerate() {
             let wanted = [100.0 * i as f64, 255.0, 0.0].map(|c| (c / 255.0 - 0.5) / 0.282_094_79);
             assert!(row.iter().zip(wanted).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5), "{row:?} {wanted:?}");
@@ -66,6 +69,25 @@ fn flat_models_get_a_thin_axis_and_say_so() {
     assert!(flat.gaussians.log_scales.iter().all(|s| s[..2] == [-2.0, -3.0] && (s[2] - 1e-6_f32.ln()).abs() < 1e-5));
     assert!(flat.doubt.unwrap().contains("2DGS"));
     assert_eq!(read(&ply(&[&dc[..], &REST, &[THIRD]].concat())).doubt, None);
+}
+
+/// Mip-Splatting smooths by a filter of its own size: variances add up, and opacity falls by the roots of their ratios.
+#[test]
+fn filters_of_mip_splatting_are_taken_in() {
+    let dc: [Property; 3] =
+        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
+    let filter: Property = ("float", "filter_3D", |i| f64::from(i) * 0.1);
+    let loaded = read(&ply(&[&dc[..], &REST, &[THIRD, filter]].concat()));
+    assert!(loaded.mode.antialiased() && loaded.doubt.unwrap().contains("Mip-Splatting"));
+    for i in 0..3 {
+        let variances = [-2.0_f64, -3.0, -4.0].map(|s| ((2.0 * s).exp(), (2.0 * s).exp() + (0.1 * i as f64).powi(2)));
+        let share: f64 = variances.iter().map(|(before, after)| (before / after).sqrt()).product();
+        let opacity = share / (1.0 + (-0.5_f64).exp());
+        let logit = f64::from(loaded.gaussians.opacity_logits[i]);
+        assert!((logit - (opacity / (1.0 - opacity)).ln()).abs() < 1e-5, "{i}: {logit}");
+        let scales = loaded.gaussians.log_scales[i].map(f64::from);
+        assert!(scales.iter().zip(variances).all(|(s, (_, after))| (s - 0.5 * after.ln()).abs() < 1e-6), "{scales:?}");
+    }
 }
 
 #[test]

@@ -177,6 +177,11 @@ fn tags_and_what_is_not_known_are_told() {
     assert!(doubt.contains("not understood"), "{doubt}");
     let linear = with(|p| p["extensions"]["KHR_gaussian_splatting"]["colorSpace"] = json!("lin_rec709_display"));
     assert!(linear.doubt.unwrap().contains("lin_rec709_display"));
+    for (name, known) in [("KHR_gaussian_splatting", true), ("EXT_other", false)] {
+        let bytes = glb_changed(&model, Layout::Planar, |d| d["extensionsRequired"] = json!([name]));
+        let loaded = read(&bytes, "m.glb").unwrap();
+        assert_eq!((loaded.gaussians.len(), loaded.doubt.is_none()), (3, known), "{name}");
+    }
 }
 
 #[test]

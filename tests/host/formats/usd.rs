@@ -92,6 +92,49 @@ fn layers_of_other_programs_are_read() {
     assert!((row[0] - 7.0).abs() < 1e-5 && row[3].abs() < 1e-5, "{row:?}");
 }
 
+/// Operations act from the last to the first, then those of the prims around.
+#[test]
+fn transforms_move_turn_and_scale() {
+    let mean = |operations: &str, order: &str| {
+        let inner =
+            format!("quath[] orientationsh = [(1, 0, 0, 0)]\n{operations}\nuniform token[] xformOpOrder = [{order}]");
+        let text =
+            OTHER.replace("quath[] orientationsh = [(1, 0, 0, 0)]", &inner).replace("upAxis = \"Z\"", "upAxis = \"Y\"");
+        assert!(text.contains(&inner));
+        read(text.as_bytes(), "m.usda").map(|loaded| {
+            let [x, y, z] = loaded.gaussians.means[0].map(f64::from);
+            // In the layer's axes, and its world.
+            [x + loaded.origin[0], -(y + loaded.origin[1]), -(z + loaded.origin[2])].map(|v| (v * 1e5).round() / 1e5)
+        })
+    };
+    let all = "double3 xformOp:translate = (10, 0, 0)\nfloat3 xformOp:rotateXYZ = (90, 0, 90)\nfloat3 xformOp:scale = (2, 2, 2)\n\
+               double3 xformOp:translate:pivot = (1, 2, 3)\nquatf xformOp:orient = (1, 0, 0, 1)\nfloat xformOp:rotateY = 90\n\
+               matrix4d xformOp:transform = ((0, 2, 0, 0), (-2, 0, 0, 0), (0, 0, 2, 0), (5, 6, 7, 1))\n\
+               double3 xformOp:translate:far = (500000, 4000000.5, 0)\nfloat3 xformOp:scale:flat = (1, 1, 2)";
+    for (order, [x, y, z]) in [
+        ("\"xformOp:translate\", \"xformOp:scale\"", [12.0, 4.0, 6.0]),
+        ("\"xformOp:scale\", \"xformOp:translate\"", [22.0, 4.0, 6.0]),
+        // (1, 2, 3) about x to (1, -3, 2), about z to (3, 1, 2).
+        ("\"xformOp:rotateXYZ\"", [3.0, 1.0, 2.0]),
+        ("\"!invert!xformOp:translate:pivot\"", [0.0, 0.0, 0.0]),
+        ("\"xformOp:translate:pivot\", \"xformOp:rotateY\", \"!invert!xformOp:translate:pivot\"", [1.0, 2.0, 3.0]),
+        ("\"xformOp:orient\"", [-2.0, 1.0, 3.0]),
+        ("\"xformOp:rotateY\"", [3.0, 2.0, -1.0]),
+        ("\"xformOp:transform\"", [1.0, 8.0, 13.0]),
+        ("\"xformOp:translate:far\"", [500_001.0, 4_000_002.5, 3.0]),
+    ] {
+        assert_eq!(mean(all, order).unwrap(), [x, y, z], "{order}");
+    }
+    for (order, what) in [
+        ("\"xformOp:scale:flat\"", "different factors"),
+        ("\"xformOp:rotateW\"", "rotateW"),
+        ("\"!resetXformStack!\", \"xformOp:scale\"", "resetXformStack"),
+    ] {
+        let fault = mean(all, order).unwrap_err().to_string();
+        assert!(fault.contains(what), "{order}: {fault}");
+    }
+}
+
 #[test]
 fn hostile_layers_are_refused() {
     let said = |text: &str, name: &str| read(text.as_bytes(), name).unwrap_err().to_string();
@@ -103,7 +146,7 @@ fn hostile_layers_are_refused() {
         ("opacitiesh = [0.5]", "opacitiesh = [0.5, 0.5]", "2 numbers of opacities"),
         ("Degree = 1", "Degree = 4", "SH degree 4"),
         ("Degree = 1", "Degree = 2", "numbers of SH"),
-        ("Order = []", "Order = [\"xformOp:scale\"]", "has a transform"),
+        ("Order = []", "Order = [\"xformOp:scale\"]", "has the transform"),
         ("ParticleField3DGaussianSplat \"", "Mesh \"", "holds no Gaussians"),
     ] {
         let fault = said(&OTHER.replace(from, to), "m.usda");

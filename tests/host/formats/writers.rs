@@ -51,6 +51,28 @@ pub fn angle(a: [f32; 4], b: [f32; 4]) -> f64 {
     4.0 * (chord / 2.0).min(1.0).asin()
 }
 
+/// Every format keeps where means count from, in itself or in the file beside it.
+#[test]
+fn models_of_far_worlds_keep_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let origin = [500_000.0, -4_649_776.25, 312.5];
+    let model = make::model(300, 1);
+    let names = ["a.ply", "a.compressed.ply", "a.glb", "a.usda", "a.usdz", "a.spz", "a.sog"];
+    for name in names {
+        let path = folder.path().join(name);
+        formats::write_at(&path, &model, formats::RenderMode::Plain, origin).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        let (read, alone) = (formats::read(&path).unwrap(), formats::read_bytes(&bytes, &path).unwrap());
+        assert_eq!(read.origin, origin, "{name}");
+        assert_eq!(alone.origin == origin, !(name.ends_with("spz") || name.ends_with("sog")), "{name}");
+        if formats::is_exact(&path) {
+            assert_eq!(read.gaussians.means, model.means, "{name}");
+        }
+        formats::write(&path, &model, formats::RenderMode::Plain).unwrap();
+        assert_eq!(formats::read(&path).unwrap().origin, [0.0; 3], "{name}");
+    }
+}
+
 #[test]
 fn ply_round_trip_keeps_every_bit() {
     let folder = tempfile::tempdir().unwrap();
@@ -149,7 +171,8 @@ fn rungs_of_the_ladders_lose_less_and_less() {
         let mut last = (0, f64::INFINITY);
         for precision in formats::ladder(path, 2).coarse() {
             let version = formats::SpzVersion::default();
-            let bytes = formats::encode(path, &model, formats::RenderMode::Plain, (precision, version)).unwrap();
+            let bytes =
+                formats::encode(path, &model, (formats::RenderMode::Plain, [0.0; 3]), (precision, version)).unwrap();
             let back = formats::read_bytes(&bytes, path).unwrap().gaussians;
             let error: f64 = matched(&model, &back)
                 .into_iter()

@@ -70,7 +70,7 @@ impl Input {
 
 /// A depth map, whose every pixel can be asked for.
 fn depth_map(bytes: &[u8]) -> Result<(), String> {
-    let map = read::of_bytes(bytes).map_err(|what| format!("depth map of a photo {what}"))?;
+    let map = read::of_bytes(bytes, None).map_err(|what| format!("depth map of a photo {what}"))?;
     assert_eq!(map.depths.len(), map.width as usize * map.height as usize);
     for (x, y) in (0..map.width.min(99)).flat_map(|x| (0..map.height.min(99)).map(move |y| (x, y))) {
         assert!(map.at(x, y).is_none_or(|depth| depth > 0.0 && depth.is_finite()));

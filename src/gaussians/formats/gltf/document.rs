@@ -65,6 +65,8 @@ pub(super) struct Document<'a> {
     pub asset: Asset<'a>,
     #[serde(default, rename = "extensionsUsed")]
     pub used: List<Cow<'a, str>>,
+    #[serde(default, rename = "extensionsRequired")]
+    pub required: List<Cow<'a, str>>,
     #[serde(default)]
     pub buffers: List<Buffer<'a>>,
     #[serde(default)]

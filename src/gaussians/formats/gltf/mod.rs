@@ -3,7 +3,7 @@
 //! A splat is a point of a primitive of mode 0: `POSITION`, and, with the extension's name as prefix, `ROTATION` (x, y,
 //! z, w, unit), `SCALE` (linear), `OPACITY` (0 to 1) and `SH_DEGREE_l_COEF_k` (red, green, blue; k = m + l; the constants
 //! and signs of 3DGS). Axes are left-up-front, ours turned by 180 degrees about z. The extension knows neither dilation nor
-//! anti-aliasing: the tag lies in the primitive's `extras`. Facts: github.com/KhronosGroup/glTF at 77b44be7.
+//! anti-aliasing: the tag lies in the primitive's `extras`. Where means count from is the node's translation. Facts: github.com/KhronosGroup/glTF at 77b44be7.
 
 mod accessor;
 mod container;
@@ -14,6 +14,7 @@ mod write;
 
 use std::path::Path;
 
+use super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert, convert_place};
 use super::fault::{Fault, malformed};
 use super::{Format, Gaussians, Parsed};
 pub(super) use write::write;
@@ -22,6 +23,14 @@ pub(super) use write::write;
 const EXTENSION: &str = "KHR_gaussian_splatting";
 /// Key of the tag in a primitive's `extras`; values are those of PLY's comment.
 const TAG: &str = "SplatRenderMode";
+/// Extensions that a file may require for its Gaussians.
+const KNOWN: [&str; 5] = [
+    EXTENSION,
+    "KHR_gaussian_splatting_compression_spz",
+    "KHR_gaussian_splatting_compression_spz_2",
+    "KHR_spz_gaussian_splats_compression",
+    "KHR_mesh_quantization",
+];
 /// Most primitives that nodes may place: a short file may place a long list many times.
 const MOST_PLACED: usize = 1 << 16;
 const AGAIN: &str = "fetch or export the file again";
@@ -33,7 +42,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
     let store = container::load(&document, parts.binary, folder)?;
     let mut model = Gaussians::zeroed(0, 0);
     let mut tag = super::Tag::default();
-    let (mut found, mut visits) = (false, 0);
+    let (mut found, mut visits, mut origin) = (false, 0, None);
     for placed in place::meshes(&document)? {
         visits += document.meshes[placed.mesh].primitives.len();
         if visits > MOST_PLACED {
@@ -52,7 +61,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
                     format!("placed too often for a file of {} bytes; {AGAIN}", store.bytes),
                 ));
             }
-            placed.apply(&mut part)?;
+            placed.apply(&mut part, &mut origin)?;
             if found {
                 model.append(&part);
             } else {
@@ -61,11 +70,16 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
             found = true;
         }
     }
+    if let Some(other) = document.required.iter().find(|name| !KNOWN.contains(&name.as_ref())) {
+        let shown: String = other.chars().take(60).flat_map(char::escape_debug).collect();
+        tag.doubt = Some(format!("the file requires {shown}, which is not known; the Gaussians are read without it"));
+    }
     if !found && !document.used.iter().any(|name| name == EXTENSION) {
         return Err(Fault::Unsupported(format!(
             "no primitive with {EXTENSION}: this glTF holds meshes or points, no Gaussians; give another file"
         )));
     }
-    super::axes::convert(&mut model, super::axes::LEFT_UP_FRONT, super::axes::RIGHT_DOWN_FRONT);
+    convert(&mut model, LEFT_UP_FRONT, RIGHT_DOWN_FRONT);
+    tag.origin = convert_place(origin.unwrap_or_default(), LEFT_UP_FRONT, RIGHT_DOWN_FRONT).to_array();
     Ok(Parsed { gaussians: model, format: Format::Gltf, tag, trailing_bytes: parts.trailing })
 }

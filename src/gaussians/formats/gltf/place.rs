@@ -1,10 +1,10 @@
 //! Placement of meshes by nodes.
 
-use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
+use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use super::super::Gaussians;
 use super::super::fault::{Fault, malformed};
-use super::super::turn::similarity;
+use super::super::turn::place;
 use super::AGAIN;
 use super::document::{Document, Node};
 
@@ -65,25 +65,15 @@ fn local(node: &Node) -> DAffine3 {
     DAffine3::from_scale_rotation_translation(DVec3::from(scale), rotation, DVec3::from(translation))
 }
 
-/// Largest deviation of a matrix from a turn times a number.
-const EVEN: f64 = 1e-4;
-
 impl Placed {
-    /// Moves Gaussians to their place.
-    pub(super) fn apply(&self, model: &mut Gaussians) -> Result<(), Fault> {
-        if self.map == DAffine3::IDENTITY {
-            return Ok(());
-        }
-        let size = self.map.matrix3.determinant().cbrt();
-        let turn = self.map.matrix3 * size.recip();
-        let even = (turn.transpose() * turn).abs_diff_eq(DMat3::IDENTITY, EVEN);
-        if !even || size <= 0.0 {
+    /// Moves Gaussians to their place; `origin` is where all count from.
+    pub(super) fn apply(&self, model: &mut Gaussians, origin: &mut Option<DVec3>) -> Result<(), Fault> {
+        if !place(model, &self.map, origin) {
             return Err(Fault::Unsupported(format!(
                 "node {} is scaled by different factors along its axes, or mirrored; apply its transform in the program that made it",
                 self.node
             )));
         }
-        similarity(model, size, DQuat::from_mat3(&turn).normalize(), self.map.translation);
         Ok(())
     }
 }

@@ -6,7 +6,7 @@ use std::io::{self, Write};
 
 use serde_json::{Map, Value, json};
 
-use super::super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert};
+use super::super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert, convert_place};
 use super::super::bytes::SH_C0;
 use super::super::fault::Fault;
 use super::super::{Gaussians, RenderMode, linear};
@@ -35,12 +35,14 @@ struct Attribute {
 pub(in super::super) fn write(
     model: &Gaussians,
     mode: RenderMode,
+    origin: [f64; 3],
 ) -> Result<impl FnOnce(&mut dyn Write) -> io::Result<()>, Fault> {
     let mut model = model.clone();
     convert(&mut model, RIGHT_DOWN_FRONT, LEFT_UP_FRONT);
     let attributes = if model.is_empty() { Vec::new() } else { attributes(model.degree()) };
     let binary = attributes.iter().map(|a| a.bytes).sum::<usize>() * model.len();
-    let mut json = document(&model, mode, &attributes).to_string();
+    let place = convert_place(origin.into(), RIGHT_DOWN_FRONT, LEFT_UP_FRONT).to_array();
+    let mut json = document(&model, (mode, place), &attributes).to_string();
     json.extend(std::iter::repeat_n(' ', json.len().wrapping_neg() % 4));
     let length = u32::try_from(HEADERS + json.len() + binary);
     let length = length.map_err(|_| Fault::Unsupported("larger than the 4 GiB of a GLB; write .ply".into()))?;
@@ -112,8 +114,8 @@ fn attributes(degree: usize) -> Vec<Attribute> {
     all
 }
 
-/// The JSON chunk.
-fn document(model: &Gaussians, mode: RenderMode, attributes: &[Attribute]) -> Value {
+/// The JSON chunk; `place` is where the means count from.
+fn document(model: &Gaussians, (mode, place): (RenderMode, [f64; 3]), attributes: &[Attribute]) -> Value {
     let n = model.len();
     let mut document = json!({
         "asset": { "version": "2.0", "generator": concat!("qirf-vk ", env!("CARGO_PKG_VERSION")) },
@@ -153,9 +155,13 @@ fn document(model: &Gaussians, mode: RenderMode, attributes: &[Attribute]) -> Va
     if mode.antialiased() {
         primitive["extras"] = json!({ TAG: "mip" });
     }
+    let mut node = json!({ "mesh": 0 });
+    if place != [0.0; 3] {
+        node["translation"] = json!(place);
+    }
     for (key, value) in [
         ("scenes", json!([{ "nodes": [0] }])),
-        ("nodes", json!([{ "mesh": 0 }])),
+        ("nodes", json!([node])),
         ("meshes", json!([{ "primitives": [primitive] }])),
         ("accessors", json!(accessors)),
         ("bufferViews", json!(views)),

@@ -31,5 +31,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     if format == Format::Ply && standard::is_flat(vertex) {
         tag.thickened();
     }
+    if format == Format::Ply && vertex.find(standard::FILTER).is_some() {
+        tag.smoothed();
+    }
     Ok(Parsed { gaussians, format, tag, trailing_bytes })
 }

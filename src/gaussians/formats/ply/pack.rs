@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::super::bytes::{SH_C0, to_smallest_three};
 use super::super::{Gaussians, RenderMode};
 use super::compressed::{CHUNK, LIMITS, PACKED, SH_RANGE};
+use super::write::begin;
 use crate::gaussians::opacity;
 
 /// Log-scales beyond this, of infinite or vanishing size, would spoil the others of their chunk.
@@ -19,11 +20,17 @@ struct Range {
     high: [f32; 9],
 }
 
-/// Writes a whole file; the order of the Gaussians is not kept.
-pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians, mode: RenderMode) -> io::Result<()> {
+/// Writes a whole file; the order of the Gaussians is not kept. `origin` is where the means count from.
+pub(in super::super) fn write(
+    out: &mut dyn Write,
+    model: &Gaussians,
+    mode: RenderMode,
+    origin: [f64; 3],
+) -> io::Result<()> {
     let order = z_order(model);
     let rest: usize = (1..=model.degree()).map(Gaussians::band_width).sum();
-    header(out, model.len(), rest, mode)?;
+    begin(out, mode, origin)?;
+    header(out, model.len(), rest)?;
     let chunks: Vec<(Range, Vec<u8>)> = order.par_chunks(CHUNK).map(|chunk| pack(model, chunk)).collect();
     for (range, _) in &chunks {
         for part in 0..3 {
@@ -49,11 +56,7 @@ pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians, mode: Rend
     Ok(())
 }
 
-fn header(out: &mut dyn Write, n: usize, rest: usize, mode: RenderMode) -> io::Result<()> {
-    writeln!(out, "ply\nformat binary_little_endian 1.0")?;
-    if mode.antialiased() {
-        writeln!(out, "comment SplatRenderMode: mip")?;
-    }
+fn header(out: &mut dyn Write, n: usize, rest: usize) -> io::Result<()> {
     writeln!(out, "element chunk {}", n.div_ceil(CHUNK))?;
     for axes in LIMITS {
         for end in ["min", "max"] {

@@ -7,7 +7,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::super::Gaussians;
+use super::super::bytes::sh0_of_colour;
 use super::super::fault::{Fault, malformed};
+use super::super::turn::middle;
 use super::table::{Slot, Table};
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::scene::origin::near;
@@ -31,13 +33,18 @@ pub(super) fn gaussians(vertex: &Table, origin: &mut [f64; 3]) -> Result<Gaussia
     let rest = rest_slots(vertex)?;
     let colours = ["red", "green", "blue"].map(|name| vertex.find(name));
     let mut sh = match (vertex.find("f_dc_0"), colours) {
-        (None, [Some(red), Some(green), Some(blue)]) => vec![gather(vertex, &[red, green, blue], Slot::of_colour)],
+        (None, [Some(red), Some(green), Some(blue)]) => {
+            let mut shown = gather(vertex, &[red, green, blue], Slot::float);
+            let white = red.white(shown.iter().copied().fold(0.0, f32::max));
+            shown.iter_mut().for_each(|c| *c = sh0_of_colour(*c / white));
+            vec![shown]
+        }
         _ => vec![gather(vertex, &slots(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"])?, Slot::float)],
     };
     sh.extend(rest_bands(&rest).iter().map(|slots| gather(vertex, slots, Slot::float)));
 
     let rows = || vertex.rows().par_chunks_exact(vertex.stride);
-    Ok(Gaussians {
+    let mut model = Gaussians {
         means: places(vertex, means, origin),
         log_scales: rows()
             .map(|row| [first.float(row), second.float(row), third.map_or(FLAT, |slot| slot.float(row))])
@@ -45,7 +52,31 @@ pub(super) fn gaussians(vertex: &Table, origin: &mut [f64; 3]) -> Result<Gaussia
         rotations: rows().map(|row| rotations.map(|slot| slot.float(row))).collect(),
         opacity_logits: rows().map(|row| opacity.float(row)).collect(),
         sh,
-    })
+    };
+    if let Some(filter) = vertex.find(FILTER) {
+        let sizes: Vec<f32> = rows().map(|row| filter.float(row)).collect();
+        smooth(&mut model, &sizes);
+    }
+    Ok(model)
+}
+
+/// Property of Mip-Splatting's models: the standard deviation by which each Gaussian is smoothed.
+pub(super) const FILTER: &str = "filter_3D";
+
+/// Widens Gaussians by their smoothing filters, and thins them out by as much.
+fn smooth(model: &mut Gaussians, filters: &[f32]) {
+    let gaussians = model.log_scales.par_iter_mut().zip(&mut model.opacity_logits).zip(filters);
+    gaussians.for_each(|((scales, logit), filter)| {
+        let mut share = 1.0;
+        for scale in scales {
+            let before = f64::from(*scale).exp().powi(2);
+            let after = before + f64::from(*filter).powi(2);
+            share *= (before / after).sqrt();
+            *scale = (0.5 * after.ln()) as f32;
+        }
+        let opacity = share / (1.0 + f64::from(-*logit).exp());
+        *logit = (opacity / (1.0 - opacity)).ln() as f32;
+    });
 }
 
 /// The means. Doubles that lie far from the origin count from a place of their own, which is added to `origin`: as float32
@@ -57,15 +88,8 @@ fn places(vertex: &Table, slots: [Slot; 3], origin: &mut [f64; 3]) -> Vec<[f32; 
         return plain();
     }
     let whole: Vec<DVec3> = rows().map(|row| DVec3::from_array(slots.map(|slot| slot.double(row)))).collect();
-    let ends = |axis: usize| {
-        let mut values: Vec<f64> = whole.iter().map(|p| p[axis]).filter(|v| v.is_finite()).collect();
-        values.sort_unstable_by(f64::total_cmp);
-        let at = |share: f64| values.get((share * values.len() as f64) as usize).copied().unwrap_or_default();
-        [at(0.05), at(0.5), at(0.95)]
-    };
-    let [x, y, z] = [ends(0), ends(1), ends(2)];
-    let size = DVec3::new(x[2] - x[0], y[2] - y[0], z[2] - z[0]).length();
-    let own = near(DVec3::new(x[1], y[1], z[1]), size);
+    let (centre, size) = middle(&whole);
+    let own = near(centre, size);
     if own == DVec3::ZERO {
         return plain();
     }

@@ -5,7 +5,6 @@ use std::borrow::Cow;
 
 use super::super::fault::{Fault, malformed};
 use super::header::{Element, Encoding, Header, Kind, Property};
-use crate::kernels::constants::sh::float64::SH_C0;
 
 /// Position of a property in a row.
 #[derive(Clone, Copy, Debug)]
@@ -42,15 +41,14 @@ impl Slot {
         f64::from_le_bytes(self.bytes(row))
     }
 
-    /// The coefficient of SH band 0 of a colour: a whole number up to 255, or a float up to 1.
-    pub(super) fn of_colour(self, row: &[u8]) -> f32 {
-        let whole = !matches!(self.kind, Kind::F16 | Kind::F32 | Kind::F64);
-        let most = match self.kind {
+    /// The number that stands for white: by the type of a whole number; floats are shares of it, or count to 255 if `brightest` is
+    /// more than a share.
+    pub(super) fn white(self, brightest: f32) -> f32 {
+        match self.kind {
             Kind::U16 | Kind::I16 => 65535.0,
-            _ if whole => 255.0,
+            kind if kind.is_integer() || brightest > 2.0 => 255.0,
             _ => 1.0,
-        };
-        ((f64::from(self.float(row)) / most - 0.5) / SH_C0) as f32
+        }
     }
 
     /// The bits of a 32-bit value.

@@ -42,7 +42,8 @@ pub(in super::super) fn write(
     out.write_all(&block)
 }
 
-fn write_header(out: &mut dyn Write, (n, rest): (usize, usize), mode: RenderMode, origin: [f64; 3]) -> io::Result<()> {
+/// The lines of every header before its elements.
+pub(super) fn begin(out: &mut dyn Write, mode: RenderMode, origin: [f64; 3]) -> io::Result<()> {
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
     if mode.antialiased() {
         writeln!(out, "comment SplatRenderMode: mip")?;
@@ -51,6 +52,11 @@ fn write_header(out: &mut dyn Write, (n, rest): (usize, usize), mode: RenderMode
         let [x, y, z] = origin;
         writeln!(out, "comment {ORIGIN} {x} {y} {z}")?;
     }
+    Ok(())
+}
+
+fn write_header(out: &mut dyn Write, (n, rest): (usize, usize), mode: RenderMode, origin: [f64; 3]) -> io::Result<()> {
+    begin(out, mode, origin)?;
     writeln!(out, "element vertex {n}")?;
     for name in ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"] {
         writeln!(out, "property float {name}")?;

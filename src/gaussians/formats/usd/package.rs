@@ -12,13 +12,13 @@ use super::{AGAIN, Fault, Parsed, binary, malformed, read, write};
 const ALIGNMENT: u16 = 64;
 
 /// A package of one text layer.
-pub(in super::super) fn package(model: &Gaussians, mode: RenderMode) -> Result<Vec<u8>, Fault> {
+pub(in super::super) fn package(model: &Gaussians, mode: RenderMode, origin: [f64; 3]) -> Result<Vec<u8>, Fault> {
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     let options = stored.with_alignment(ALIGNMENT).system(System::Unix); // on Windows, too: the same bytes
     let failed = |error: &dyn std::fmt::Display| Fault::Unsupported(format!("cannot be packed ({error}); write .usda"));
     archive.start_file("splat.usda", options).map_err(|error| failed(&error))?;
-    write(&mut archive, model, mode).map_err(|error| failed(&error))?;
+    write(&mut archive, model, mode, origin).map_err(|error| failed(&error))?;
     Ok(archive.finish().map_err(|error| failed(&error))?.into_inner())
 }
 

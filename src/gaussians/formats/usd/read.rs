@@ -1,11 +1,12 @@
 //! Reading a USD text layer.
 
-use glam::{DQuat, DVec3};
+use glam::DAffine3;
 
-use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
+use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert, convert_place};
 use super::super::linear::{log_scale, logit};
-use super::super::turn::similarity;
+use super::super::turn::place;
 use super::scan::Scan;
+use super::transform::Transform;
 use super::{AGAIN, Fault, Format, Gaussians, PRIM, Parsed, TAG, Tag, malformed};
 use crate::gaussians::MAX_SH_DEGREE;
 
@@ -23,34 +24,55 @@ struct Arrays {
     coefficients: Option<Vec<f32>>,
 }
 
+/// Gaussians, and the map from their axes to those of the scope that they are in.
+type Part = (Gaussians, DAffine3);
+
 /// An open pair of braces.
+#[derive(Default)]
 struct Scope {
     /// Its prim's arrays, if it is one with Gaussians.
     splats: Option<Arrays>,
     name: String,
+    transform: Transform,
+    /// What the prims in it hold.
+    parts: Vec<Part>,
 }
 
 /// Reads a text layer; its prims with Gaussians are one model.
 pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
-    let mut reader = Reader { scan: Scan::new(text), tag: Tag::default(), z_up: false, model: None };
+    let mut reader = Reader { scan: Scan::new(text), tag: Tag::default(), z_up: false, parts: Vec::new() };
     reader.layer()?;
-    let Some(mut model) = reader.model else {
+    let Reader { z_up, parts, mut tag, .. } = reader;
+    let upright = DAffine3::from_rotation_x(if z_up { -std::f64::consts::FRAC_PI_2 } else { 0.0 });
+    let (mut model, mut origin) = (None, None);
+    for (mut part, map) in parts {
+        if !place(&mut part, &(upright * map), &mut origin) {
+            return Err(Fault::Unsupported(
+                "a prim is mirrored, or scaled by different factors along its axes; apply its transform in the program \
+                 that made the file"
+                    .into(),
+            ));
+        }
+        match &mut model {
+            None => model = Some(part),
+            Some(model) => model.append(&part),
+        }
+    }
+    let Some(mut model) = model else {
         return Err(Fault::Unsupported(format!(
             "no prim of type {PRIM}: this USD holds no Gaussians; give another file"
         )));
     };
-    if reader.z_up {
-        similarity(&mut model, 1.0, DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2), DVec3::ZERO);
-    }
     convert(&mut model, RIGHT_UP_BACK, RIGHT_DOWN_FRONT);
-    Ok(Parsed { gaussians: model, format: Format::Usd, tag: reader.tag, trailing_bytes: 0 })
+    tag.origin = convert_place(origin.unwrap_or_default(), RIGHT_UP_BACK, RIGHT_DOWN_FRONT).to_array();
+    Ok(Parsed { gaussians: model, format: Format::Usd, tag, trailing_bytes: 0 })
 }
 
 struct Reader<'a> {
     scan: Scan<'a>,
     tag: Tag,
     z_up: bool,
-    model: Option<Gaussians>,
+    parts: Vec<Part>,
 }
 
 impl Reader<'_> {
@@ -61,17 +83,19 @@ impl Reader<'_> {
                 b'(' => self.metadata()?,
                 b'{' => {
                     self.scan.at += 1;
-                    scopes.push(Scope { splats: None, name: String::new() });
+                    scopes.push(Scope::default());
                 }
                 b'}' => {
                     self.scan.at += 1;
-                    let Some(scope) = scopes.pop() else { return Err(self.scan.fault("a brace that was not opened")) };
+                    let Some(mut scope) = scopes.pop() else {
+                        return Err(self.scan.fault("a brace that was not opened"));
+                    };
                     if let Some(arrays) = scope.splats {
-                        let part = gaussians(arrays, &scope.name)?;
-                        match &mut self.model {
-                            Some(model) => model.append(&part),
-                            None => self.model = Some(part),
-                        }
+                        scope.parts.push((gaussians(arrays, &scope.name)?, DAffine3::IDENTITY));
+                    }
+                    let around = scopes.last_mut().map_or(&mut self.parts, |scope| &mut scope.parts);
+                    for (part, map) in scope.parts {
+                        around.push((part, scope.transform.map()? * map));
                     }
                 }
                 _ => self.statement(&mut scopes)?,
@@ -101,11 +125,11 @@ impl Reader<'_> {
                     kind = b"";
                 }
                 let splats = (kind == PRIM.as_bytes()).then(Arrays::default);
-                scopes.push(Scope { splats, name });
+                scopes.push(Scope { splats, name, ..Scope::default() });
             } else if self.scan.peek() == Some(b'{') {
                 // `def "name"`: what was taken for the type is the name.
                 self.scan.at += 1;
-                scopes.push(Scope { splats: None, name: String::new() });
+                scopes.push(Scope::default());
             }
             return Ok(());
         }
@@ -129,14 +153,25 @@ impl Reader<'_> {
         if name == b"xformOpOrder" {
             let start = self.scan.at;
             self.scan.pass()?;
-            return if self.scan.since(start).contains(&b'"') {
-                Err(Fault::Unsupported("a prim has a transform; apply it in the program that made the file".into()))
-            } else {
-                Ok(())
-            };
+            let end = std::mem::replace(&mut self.scan.at, start);
+            while self.scan.at < end {
+                let word = self.scan.word().unwrap_or_default();
+                if let Some(scope) =
+                    scopes.last_mut().filter(|_| word.starts_with(b"xformOp:") || word.starts_with(b"!"))
+                {
+                    scope.transform.order.push(word.to_owned());
+                }
+            }
+            return Ok(());
         }
         if first == b'{' {
             return Ok(()); // a variant set, whose braces are scopes
+        }
+        if let Some(scope) =
+            scopes.last_mut().filter(|_| name.starts_with(b"xformOp:") && b"(-+.0123456789".contains(&first))
+        {
+            scope.transform.operations.insert(name.to_owned(), self.scan.numbers()?);
+            return Ok(());
         }
         let Some(arrays) = scopes.last_mut().and_then(|scope| scope.splats.as_mut()) else { return self.scan.pass() };
         let values = match name {

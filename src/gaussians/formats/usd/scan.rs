@@ -1,5 +1,7 @@
 //! Words and values of a USD text.
 
+use std::str::FromStr;
+
 use super::super::fault::{Fault, malformed};
 use super::AGAIN;
 
@@ -32,11 +34,6 @@ impl<'a> Scan<'a> {
                 b => return Some(*b),
             }
         }
-    }
-
-    /// The text from a place up to here.
-    pub(super) fn since(&self, start: usize) -> &'a [u8] {
-        &self.text[start..self.at]
     }
 
     /// True if a line ends before the next word.
@@ -98,7 +95,7 @@ impl<'a> Scan<'a> {
     }
 
     /// The numbers of a value, whatever brackets group them.
-    pub(super) fn numbers(&mut self) -> Result<Vec<f32>, Fault> {
+    pub(super) fn numbers<T: FromStr>(&mut self) -> Result<Vec<T>, Fault> {
         let mut numbers = Vec::new();
         let mut open = 0_usize;
         loop {
@@ -141,7 +138,7 @@ mod tests {
             (scan.word(), scan.word(), scan.word()),
             (Some(&b"float[]"[..]), Some(&b"y:z"[..]), Some(&b"="[..]))
         );
-        assert_eq!(scan.numbers().unwrap(), [1.0, -2500.0, f32::INFINITY, 0.5]);
+        assert_eq!(scan.numbers::<f32>().unwrap(), [1.0, -2500.0, f32::INFINITY, 0.5]);
         assert_eq!(scan.word(), Some(&b"p.usd"[..]));
         for word in ["<", "/", "a", ">", "q\n"] {
             assert_eq!(scan.word(), Some(word.as_bytes()));
@@ -153,8 +150,8 @@ mod tests {
     fn broken_groups_are_faults() {
         for text in ["[1, 2", "((1)", ")", "\"", "(\"", "]", "", "[a", "{ '''"] {
             assert!(Scan::new(text.as_bytes()).pass().is_err() || text == "\"", "{text}");
-            assert!(Scan::new(text.as_bytes()).numbers().is_err(), "{text}");
+            assert!(Scan::new(text.as_bytes()).numbers::<f32>().is_err(), "{text}");
         }
-        assert_eq!(Scan::new(b"7 8").numbers().unwrap(), [7.0]);
+        assert_eq!(Scan::new(b"7 8").numbers::<f32>().unwrap(), [7.0]);
     }
 }

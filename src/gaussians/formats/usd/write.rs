@@ -2,15 +2,20 @@
 
 use std::io::{self, Write};
 
-use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
+use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert, convert_place};
 use super::super::{Gaussians, RenderMode, linear};
 use super::{PRIM, TAG};
 
 /// Standard deviations of a Gaussian within its prim's extent.
 const REACH: f32 = 3.0;
 
-/// Writes a whole layer; floats keep their bits.
-pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians, mode: RenderMode) -> io::Result<()> {
+/// Writes a whole layer; floats keep their bits. The prim is moved to where the means count from.
+pub(in super::super) fn write(
+    out: &mut dyn Write,
+    model: &Gaussians,
+    mode: RenderMode,
+    origin: [f64; 3],
+) -> io::Result<()> {
     let mut model = model.clone();
     convert(&mut model, RIGHT_DOWN_FRONT, RIGHT_UP_BACK);
     writeln!(out, "#usda 1.0\n(\n    defaultPrim = \"Splat\"\n    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n")?;
@@ -22,6 +27,11 @@ pub(in super::super) fn write(out: &mut dyn Write, model: &Gaussians, mode: Rend
         out,
         "{{\n    uniform token projectionModeHint = \"perspective\"\n    uniform token sortingModeHint = \"zDepth\""
     )?;
+    if origin != [0.0; 3] {
+        let [x, y, z] = convert_place(origin.into(), RIGHT_DOWN_FRONT, RIGHT_UP_BACK).to_array();
+        writeln!(out, "    double3 xformOp:translate = ({x}, {y}, {z})")?;
+        writeln!(out, "    uniform token[] xformOpOrder = [\"xformOp:translate\"]")?;
+    }
     let n = model.len();
     let degree = model.degree();
     let extent = extent(&model);
