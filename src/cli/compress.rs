@@ -182,17 +182,17 @@ impl Arguments {
 
 /// The choice for an aim, as a line.
 pub(super) fn outcome(figures: &CompressRecord, console: &Console) -> String {
-    let CompressRecord { aim, output, test, .. } = figures;
+    let CompressRecord { aim, input, output, test, .. } = figures;
     let Some(aim) = aim else { return String::new() };
-    shortfall(console, aim, output);
+    shortfall(console, aim, (input.gaussians, output));
     let psnr = test.written.as_ref().map_or(aim.chosen.psnr, |scores| scores.psnr);
     fit::line(aim, (output.bytes, output.gaussians), psnr)
 }
 
 /// Reports where the model has less than was requested.
-fn shortfall(console: &Console, aim: &AimRecord, output: &ModelFile) {
+fn shortfall(console: &Console, aim: &AimRecord, (whole, output): (usize, &ModelFile)) {
     match aim.aim {
-        Aim::Bytes(size) if 20 * output.bytes < 19 * size => console.note(format_args!(
+        Aim::Bytes(size) if output.gaussians == whole && 20 * output.bytes < 19 * size => console.note(format_args!(
             "no file of this model in this format needs {size} bytes: the whole model, as finely as the format allows, has {}",
             output.bytes
         )),

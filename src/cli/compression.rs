@@ -29,7 +29,7 @@ pub(super) struct CompressArgs {
     views: Option<u32>,
     /// Maximum size of the file, such as 5MB, 800kB or 4.5MiB: find the file with the highest PSNR. As WxH: picture size of
     /// virtual cameras [default: 400x400]
-    #[arg(long, value_name = "BYTES|WxH", action = clap::ArgAction::Append, value_parser = values::size_of_file_or_pictures)]
+    #[arg(long, value_name = "BYTES|WxH", action = clap::ArgAction::Append, allow_hyphen_values = true, value_parser = values::size_of_file_or_pictures)]
     size: Vec<Size>,
     /// Minimum PSNR in dB against the original's pictures or the held-out photos: find the smallest file
     #[arg(long, value_name = "DB", value_parser = values::psnr, conflicts_with_all = ["keep", "target_count"])]

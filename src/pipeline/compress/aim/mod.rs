@@ -229,5 +229,8 @@ mod tests {
         let mut trials = model(7, 50_000);
         let Ok(Found::Best(best)) = Search::new(&mut trials, 50_000, &all).find(Aim::Psnr(99.0)) else { panic!() };
         assert_eq!((best.rung, best.gaussians), (6, 50_000), "the finest file of the whole model is the best there is");
+        let mut trials = model(7, 50_000);
+        let Ok(Found::Best(best)) = Search::new(&mut trials, 50_000, &all).find(Aim::Psnr(-50.0)) else { panic!() };
+        assert_eq!((best.rung, best.gaussians), (0, 1), "one Gaussian has more than that");
     }
 }

@@ -72,7 +72,7 @@ impl<T: Trials> Search<'_, T> {
         for _ in 0..(ON_A_RUNG + 2).min(self.left()) {
             let below = known.iter().filter(|p| p.psnr < Some(wanted)).map(|p| p.gaussians).max();
             let above = known.iter().filter(|p| p.psnr >= Some(wanted)).map(|p| p.gaussians).min();
-            if below == Some(self.whole) || below.zip(above).is_some_and(|(b, a)| a <= b + 1) {
+            if below == Some(self.whole) || above == Some(1) || below.zip(above).is_some_and(|(b, a)| a <= b + 1) {
                 break;
             }
             let gaussians =
