@@ -1,7 +1,7 @@
 //! The setup that runs share: checkpoint, scene, estimate of memory, photos, effects.
 
 use super::checkpoint::Checkpoint;
-use super::config::RunConfig;
+use super::config::{Init, RunConfig};
 use super::prepare::{Prepared, open, refuse_photo_folders};
 use super::session::Session;
 use super::start::Start;
@@ -53,6 +53,9 @@ impl<'a> Setup<'a> {
         let opened = open(&config.selection())?.with_depths(watcher);
         refuse_photo_folders(&opened.scene, [output.model(), output.renders().join("picture.png")].iter())?;
         let fresh = || {
+            if let Some(note) = opened.scene.lacks_points().filter(|_| matches!(config.init, Init::Points)) {
+                watcher.note(&note);
+            }
             let pixels = opened.train_pixels().into_iter().max().unwrap_or(0);
             Start::of(config, opened.scene.points.len(), pixels)
         };

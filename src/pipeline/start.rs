@@ -5,7 +5,7 @@ use super::config::{Init, RunConfig};
 use super::prepare::Prepared;
 use crate::gaussians::{Gaussians, formats};
 use crate::pipeline::Error;
-use crate::scene::SceneKind;
+use crate::scene::{FEWEST_POINTS, SceneKind};
 use crate::train::initialise::{self, Seed};
 
 /// Number of random points per pixel of a picture, and its bounds.
@@ -25,12 +25,12 @@ pub enum Start {
 }
 
 impl Start {
-    /// The initial state that the configuration selects for a scene with this number of points and training pictures of at
+    /// The initial state that the configuration selects for a scene with this number of points, which must not be few, and training pictures of at
     /// most `pixels` pixels.
     pub fn of(config: &RunConfig, points: usize, pixels: u64) -> Result<Self, Error> {
         Ok(match &config.init {
             Init::Model(path) => Self::Model(formats::read(path)?.gaussians),
-            Init::Points if points > 0 => Self::Points(points),
+            Init::Points if points >= FEWEST_POINTS => Self::Points(points),
             Init::Points | Init::Random => {
                 let count = (pixels as f64 * POINTS_PER_PIXEL) as usize;
                 let count = config.init_count.unwrap_or(count.clamp(POINTS.0, POINTS.1));

@@ -19,6 +19,7 @@ use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
 use super::resample::{Raster, area_average, cut, undistort};
 use super::view::{Resize, View};
+use crate::wording::counted;
 
 /// Options of loading photos.
 #[derive(Clone, Copy, Debug)]
@@ -59,6 +60,9 @@ impl Default for PhotoMemory<'_> {
 /// Transparency of all pixels together, from 0 (none) to 1, below which alpha does not count: photos that something once
 /// saved with an alpha channel have a few such pixels, and all of 254 of 255 is 0.4 %.
 pub const ALPHA_SHARE: f64 = 0.005;
+
+/// Transparency of all pixels together from which on there is nothing left to see, and alpha does not count either.
+const NOTHING: f64 = 0.9999;
 
 /// Photos as loaded, and what to tell of them.
 pub(super) struct LoadedPhotos {
@@ -104,18 +108,24 @@ pub(super) fn load(
         Ok(match decoded {
             Ok(decoded) => {
                 let (transparent, no_mask) = (decoded.transparent, masked && matches!(decoded.mask, Mask::Damaged));
+                let hides_all = |mask: &Mask| matches!(mask, Mask::Of(mask) if mask.iter().all(|byte| *byte == 0));
+                let hidden = masked && views[at].face.is_none() && hides_all(&decoded.mask);
                 let (alpha_role, pixels) = decoded.settle(options.alpha, masked);
                 let camera = cameras[at].clone();
-                (Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None }), transparent, no_mask)
+                (
+                    Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None }),
+                    transparent,
+                    [no_mask, hidden],
+                )
             }
-            Err(damaged) => (Err(damaged), 0.0, false),
+            Err(damaged) => (Err(damaged), 0.0, [false; 2]),
         })
     };
     // A photo that was cut is decoded once.
     let groups: Vec<&[&View]> = views.chunk_by(|a, b| a.face.is_some() && a.image == b.image).collect();
     let firsts = groups.iter().scan(0, |next, group| Some(std::mem::replace(next, *next + group.len())));
     let firsts: Vec<usize> = firsts.collect();
-    let loaded: Vec<(Result<Photo, Error>, f64, bool)> = groups
+    let loaded: Vec<(Result<Photo, Error>, f64, [bool; 2])> = groups
         .par_iter()
         .zip(firsts)
         .flat_map_iter(|(group, first)| {
@@ -132,10 +142,12 @@ pub(super) fn load(
     let pixels: f64 =
         loaded.iter().filter_map(|(photo, ..)| photo.as_ref().ok()).map(|p| p.camera.pixels() as f64).sum();
     let share = loaded.iter().map(|(_, transparent, _)| transparent).sum::<f64>() / pixels.max(1.0);
-    if announced && share < ALPHA_SHARE && (share > 0.0 || has_masks) {
+    if announced && (share > NOTHING || share < ALPHA_SHARE && (share > 0.0 || has_masks)) {
         drop((loaded, store));
         let mut again = load(views, &LoadOptions { alpha: false, ..*options }, progress)?;
-        if share > 0.0 {
+        if share > NOTHING {
+            again.notes.push("all of the photos is transparent: taken as opaque".to_owned());
+        } else if share > 0.0 {
             again.notes.push(format!(
                 "{:.1e} % of the photos is transparent, under {} %: taken as opaque, on black",
                 100.0 * share,
@@ -144,11 +156,18 @@ pub(super) fn load(
         }
         return Ok(again);
     }
-    let without_mask = (0..loaded.len()).filter(|at| loaded[*at].2).collect();
+    let without_mask = (0..loaded.len()).filter(|at| loaded[*at].2[0]).collect();
+    let hidden = loaded.iter().filter(|(.., [_, hidden])| *hidden).count();
     let mut photos: Vec<_> = loaded.into_iter().map(|(photo, ..)| photo).collect();
     let alpha_role = AlphaRole::of(photos.iter().flatten());
     photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
-    Ok(LoadedPhotos { photos, notes: Vec::new(), without_mask })
+    let notes =
+        (announced && has_masks).then(|| "the photos have alpha, which counts: their masks are not used".to_owned());
+    let hidden = (hidden > 0).then(|| {
+        format!("{} hidden as a whole by their masks: what is black in a mask does not count", counted(hidden, "photo"))
+    });
+    let notes = notes.into_iter().chain(hidden).collect();
+    Ok(LoadedPhotos { photos, notes, without_mask })
 }
 
 /// Storage of decoded pixels: the host's memory, or a file with a place for every photo.
@@ -262,8 +281,8 @@ impl View {
     }
 
     fn decode_mask(&self, path: &Path) -> Result<Raster<1>, Error> {
-        let grey = decode(path)?.into_luma8();
-        let mask = Raster::<1> { width: grey.width(), height: grey.height(), pixels: grey.into_raw() };
+        let decoded = decode(path)?;
+        let mask = Raster::<1> { width: decoded.width(), height: decoded.height(), pixels: counting(decoded) };
         if !self.lens.fits(mask.width, mask.height) {
             let (own, photo) = ([mask.width, mask.height], [self.lens.width, self.lens.height]);
             let what =
@@ -335,7 +354,12 @@ fn decode(path: &Path) -> Result<DynamicImage, Error> {
         return Err(Error::photo(path, format!("is {format}, which is not read: {convert}")));
     }
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| Error::io(path, e))?;
-    let decoded = reader.decode().map_err(|e| Error::photo(path, format!("cannot be decoded: {e}; copy it again")))?;
+    let decoded = reader.decode().map_err(|e| {
+        let known = !matches!(e, image::ImageError::Unsupported(_));
+        let remedy =
+            if known { "copy it again" } else { "convert it, with ImageMagick by `magick mogrify -format png`" };
+        Error::photo(path, format!("cannot be decoded: {e}; {remedy}"))
+    })?;
     if decoded.width() == 0 || decoded.height() == 0 {
         return Err(Error::photo(path, "has no pixels"));
     }
@@ -343,6 +367,23 @@ fn decode(path: &Path) -> Result<DynamicImage, Error> {
         return Err(Error::photo(path, "the JPEG is cut short: a part of its data is missing; copy it again"));
     }
     Ok(decoded)
+}
+
+/// The bytes of a mask: grey, or, where that is the same throughout, alpha; both if both differ. Masks of small numbers hide
+/// where they are 0; the others' largest number is white.
+fn counting(mask: DynamicImage) -> Vec<u8> {
+    let pixels = mask.into_luma_alpha8().into_raw();
+    let pixels = pixels.as_chunks::<2>().0;
+    let plain = pixels.iter().all(|[grey, _]| *grey == pixels[0][0]) && pixels.iter().any(|[_, alpha]| *alpha < 255);
+    let shown =
+        |[grey, alpha]: &[u8; 2]| if plain { *alpha } else { (u16::from(*grey) * u16::from(*alpha) / 255) as u8 };
+    let mut bytes: Vec<u8> = pixels.iter().map(shown).collect();
+    match bytes.iter().copied().max().unwrap_or(0) {
+        0 | 255 => {}
+        1..128 => bytes.iter_mut().for_each(|byte| *byte = 255 * u8::from(*byte > 0)),
+        most => bytes.iter_mut().for_each(|byte| *byte = (u16::from(*byte) * 255 / u16::from(most)) as u8),
+    }
+    bytes
 }
 
 /// Red, green, blue and alpha in bytes. Floats, as of EXR, are linear in the amount of light: they get the curve of sRGB.

@@ -31,6 +31,8 @@ use std::path::PathBuf;
 use glam::DVec3;
 use serde::Serialize;
 
+use crate::wording::counted;
+
 use decode::LoadedPhotos;
 pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
@@ -44,6 +46,9 @@ pub use view::{Resize, Role, View};
 
 /// One view in this many, sorted by name, is held out: the protocol of the 3DGS papers.
 pub const EVAL_EVERY: usize = 8;
+
+/// A scene with fewer points is trained from random ones.
+pub const FEWEST_POINTS: usize = 10;
 
 /// The format of a scene's files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -122,7 +127,38 @@ pub struct Split {
     pub test: Vec<usize>,
 }
 
+/// Counts a view whose photo is absent or of another shape than its camera, and says why it cannot be used.
+fn unusable(view: &View, skipped: &mut Skipped) -> Option<String> {
+    let photo = view.image.display();
+    if !view.image.is_file() {
+        skipped.missing_images.add_photo(view);
+        return Some(format!("{photo} does not exist"));
+    }
+    let (width, height) = view.mismatched()?;
+    skipped.mismatched_images.add_photo(view);
+    let turned = view.lens.fits(height, width);
+    let remedy = if turned { ": EXIF rotation is ignored, store it as the camera saw it" } else { "" };
+    Some(format!("{photo} is {width} x {height}, not its camera's shape{remedy}"))
+}
+
 impl Scene {
+    /// Everything that is left out, with the views that [`Scene::require_photos`] would drop.
+    pub fn left_out(&self) -> Skipped {
+        let mut skipped = self.skipped.clone();
+        self.views.iter().for_each(|view| drop(unusable(view, &mut skipped)));
+        skipped
+    }
+
+    /// A sentence if the scene has too few points to begin training from.
+    pub fn lacks_points(&self) -> Option<String> {
+        let said = match self.points.len() {
+            0 => "no points".to_owned(),
+            few @ 1..FEWEST_POINTS => format!("only {}", counted(few, "point")),
+            _ => return None,
+        };
+        Some(format!("{said}: training begins at random ones"))
+    }
+
     /// Drops and counts the views whose photo is absent or differs in shape from its camera.
     ///
     /// # Errors
@@ -132,15 +168,7 @@ impl Scene {
         let mut first = None;
         let mut keep = Vec::with_capacity(listed);
         for view in &self.views {
-            let reason = if !view.image.is_file() {
-                self.skipped.missing_images.add_photo(view);
-                Some(format!("{} does not exist", view.image.display()))
-            } else if let Some((width, height)) = view.mismatched() {
-                self.skipped.mismatched_images.add_photo(view);
-                Some(format!("{} is {width} x {height}, not its camera's shape", view.image.display()))
-            } else {
-                None
-            };
+            let reason = unusable(view, &mut self.skipped);
             keep.push(reason.is_none());
             first = first.or(reason);
         }

@@ -112,6 +112,8 @@ fn spline(rows: &[[f64; NUMBERS]], knots: &[f64], at: f64) -> [f64; NUMBERS] {
 pub struct Frame {
     /// Width and height in pixels.
     pub size: (u32, u32),
+    /// True if that size was asked for, whatever the file says.
+    pub asked: bool,
     /// Vertical field of view in radians.
     pub fov: f64,
     /// Up in the world.
@@ -126,8 +128,19 @@ pub struct Frame {
 pub fn read(path: &Path, frame: &Frame) -> Result<(Vec<Camera>, bool), Error> {
     let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
     let whole = |what: String| Error::malformed(path, "file", what);
-    let document: Value = serde_json::from_str(&text).map_err(|e| whole(format!("no JSON: {e}")))?;
+    let document: Value =
+        serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| whole(format!("no JSON: {e}")))?;
     let every = document["camera_path"].is_array();
+    let kind = &document["camera_type"];
+    if kind.as_str().is_some_and(|kind| !kind.eq_ignore_ascii_case("perspective")) {
+        return Err(whole(format!(
+            "its camera_type is {kind}; perspective is read, and --panorama draws all directions"
+        )));
+    }
+    let side =
+        |name: &str| document[name].as_u64().and_then(|n| u32::try_from(n).ok()).filter(|n| (1..1 << 16).contains(n));
+    let own = side("render_width").zip(side("render_height")).filter(|_| !frame.asked);
+    let frame = &Frame { size: own.unwrap_or(frame.size), ..*frame };
     let (name, read): (_, Reader) = if every { ("camera_path", posed) } else { ("keys", looking) };
     let cameras = document[name].as_array().filter(|list| !list.is_empty());
     let cameras =
@@ -231,7 +244,7 @@ mod tests {
     fn files_of_both_kinds_are_read_or_refused() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("path.json");
-        let frame = Frame { size: (64, 48), fov: 0.7, up: DVec3::NEG_Y };
+        let frame = Frame { size: (64, 48), asked: false, fov: 0.7, up: DVec3::NEG_Y };
         let read = |text: &str| {
             std::fs::write(&file, text).unwrap();
             super::read(&file, &frame)
@@ -250,6 +263,14 @@ mod tests {
         assert_eq!(posed[0].centre(), DVec3::new(1.0, 2.0, 3.0));
         let seen = posed[0].rotation * DVec3::new(1.0, 3.0, 1.0) + posed[0].translation;
         assert_eq!(seen, DVec3::new(0.0, -1.0, 2.0));
+        let pose = r#"[{"camera_to_world": [1,0,0,1, 0,1,0,2, 0,0,1,3, 0,0,0,1]}]"#;
+        let sized = |frame: &Frame| {
+            let text = format!(r#"{{"render_width": 320, "render_height": 200, "camera_path": {pose}}}"#);
+            std::fs::write(&file, format!("\u{feff}{text}")).unwrap();
+            super::read(&file, frame).unwrap().0[0].clone()
+        };
+        assert_eq!((sized(&frame).width, sized(&frame).height), (320, 200));
+        assert_eq!(sized(&Frame { asked: true, ..frame }).width, 64);
         for (bad, says) in [
             ("", "no JSON"),
             ("{}", "neither"),
@@ -258,6 +279,7 @@ mod tests {
             (r#"{"keys": [{"eye": [0, 0, 0], "target": [0, 0, 0]}]}"#, "one point"),
             (r#"{"keys": [{"eye": [0, 0, 1], "target": [0, 0, 0], "fov": 200}]}"#, "fov"),
             (r#"{"camera_path": [{"camera_to_world": [0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0]}]}"#, "camera_path[0]"),
+            (r#"{"camera_type": "equirectangular", "camera_path": [0]}"#, "--panorama"),
             (r#"{"camera_path": [{"camera_to_world": [1,1,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}]}"#, "orthogonal"),
         ] {
             let error = read(bad).unwrap_err().to_string();

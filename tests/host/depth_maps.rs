@@ -58,27 +58,28 @@ fn maps_get_the_scale_of_the_points_and_lie_where_photos_show_them() {
     std::fs::create_dir_all(&folder_of_maps).unwrap();
     for with_points in [true, false] {
         wall(folder.path(), with_points, 0.0);
-        // Of other scales: half, and thousandths of a quarter.
-        npy(&folder_of_maps.join("a.npy"), |_, _| 2.0);
-        let steps = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(32, 24, image::Luma([1000]));
+        // Of other scales, half and a quarter, if points tell them.
+        let [a, b] = if with_points { [2.0, 1.0] } else { [4.0; 2] };
+        npy(&folder_of_maps.join("a.npy"), |_, _| a);
+        let steps = image::Luma([(1000.0 * b) as u16]);
+        let steps = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(32, 24, steps);
         steps.save(folder_of_maps.join("b.png")).unwrap();
         let mut scene = open(folder.path());
         assert_eq!((scene.skipped.missing_depths.count, &scene.skipped.missing_depths.examples[0][..]), (1, "c.jpg"));
         let maps = maps_of(&mut scene, &[0, 1, 2]);
         let (found, notes) = (&maps.points, &maps.notes);
         println!("{} points, {notes:?}, {:?}", found.len(), maps.evidence);
-        // Without points they are compared with each other: in world units they differ by as much as one has.
+        // Without points they are compared with each other.
         let by = if with_points { DepthWitness::Points } else { DepthWitness::Maps };
-        let expected = DepthEvidence { maps: 2, by, deviation: Some(if with_points { 0.0 } else { 1.0 }) };
+        let expected = DepthEvidence { maps: 2, by, deviation: Some(0.0) };
         assert_eq!(maps.evidence, expected);
         // What a view sees is the wall, in the unit that was found.
         let seen = maps.of("b.jpg").unwrap();
         let depths: Vec<f64> = seen.depths.iter().map(|d| f64::from(*d) * seen.unit).filter(|d| *d > 0.0).collect();
         assert!(depths.len() > 2800 && maps.of("c.jpg").is_none());
-        assert!(depths.iter().all(|d| (d - if with_points { 4.0 } else { 1.0 }).abs() < 1e-6));
+        assert!(depths.iter().all(|d| (d - 4.0).abs() < 1e-6));
         assert!(found.len() > 1500);
-        let z = |which: std::ops::Range<usize>| found[which].iter().all(|p| (p.position.z - 4.0).abs() < 1e-6);
-        assert_eq!(z(0..found.len()), with_points, "without points, numbers are world units");
+        assert!(found.iter().all(|p| (p.position.z - 4.0).abs() < 1e-6));
         assert!(notes[0].contains(if with_points { "scales 2.000 to 4.000" } else { "in world units" }), "{notes:?}");
         for point in found.iter().step_by(97) {
             // Of the two photos one has it, red by column and green by row.
@@ -116,6 +117,41 @@ fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
     let told = notes.join("; ");
     for part in ["1 depth map at no scale", "b.jpg has neither 16 bits nor floats", "depth map of c.jpg"] {
         assert!(told.contains(part), "{told}");
+    }
+}
+
+#[test]
+fn maps_that_contradict_each_other_are_left_out_where_no_points_tell_their_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder_of_maps = folder.path().join("depth");
+    std::fs::create_dir_all(&folder_of_maps).unwrap();
+    wall(folder.path(), false, 0.0);
+    for (wrong, used) in [(1.0, 3), (2.0, 0)] {
+        for (i, name) in ["a.npy", "b.npy", "c.npy"].iter().enumerate() {
+            npy(&folder_of_maps.join(name), |_, _| 4.0 * f32::powi(wrong, i as i32));
+        }
+        let DepthMaps { points, notes, evidence, .. } = maps_of(&mut open(folder.path()), &[0, 1, 2]);
+        assert_eq!((evidence.maps, points.is_empty()), (used, used == 0), "{notes:?}");
+        assert_eq!(notes.join("; ").contains("apart in the median"), used == 0, "{notes:?}");
+    }
+}
+
+/// Steps of whole numbers, and floats of 16 bits.
+#[test]
+fn numbers_of_maps_are_those_of_their_type() {
+    let header = |kind: &str| format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': (1, 2), }}");
+    let file = |kind: &str, values: [u16; 2]| {
+        let text = format!("{:117}\n", header(kind));
+        [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), values.map(u16::to_le_bytes).as_flattened()].concat()
+    };
+    for (kind, step, depths) in [
+        ("<u2", None, [1.5, 15.36]),
+        ("<u2", Some(0.01), [15.0, 153.6]),
+        ("<f2", None, [f32::from(half::f16::from_bits(1500)), 1.0]),
+    ] {
+        let map = depth_maps::read::of_bytes(&file(kind, [1500, 15360]), step).unwrap();
+        let near = |(a, b): (&f32, f32)| (a / b - 1.0).abs() < 1e-6;
+        assert!(map.depths.iter().zip(depths).all(near), "{kind} {step:?}: {:?}", map.depths);
     }
 }
 

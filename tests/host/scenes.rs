@@ -6,6 +6,7 @@ mod lens;
 mod panorama;
 mod places;
 mod shared;
+mod traps;
 mod units;
 mod wide;
 

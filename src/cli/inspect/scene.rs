@@ -134,8 +134,8 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "origin": scene.origin.to_array(),
         "train_views": split.train.len(),
         "test_views": split.test.len(),
-        "skipped": scene.skipped.summary(),
-        "advice": doubts.advice(),
+        "skipped": scene.left_out().summary(),
+        "advice": doubts.advice().into_iter().chain(scene.lacks_points()).collect::<Vec<_>>(),
         "effects": effects::of_scene(&scene)?,
     }))
 }

@@ -96,6 +96,15 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
         (DepthWitness::Points, Some(middle(&mut off)))
     };
     let notes = notes(scene, &found, &known, (usable, points.len()));
+    if let (DepthWitness::Maps, Some(apart)) = (by, deviation.filter(|deviation| *deviation > APART)) {
+        let notes = vec![format!(
+            "depth maps show the same places at depths {:.0} % apart in the median, and no points tell their scale (inverse depths? \
+             another unit?); not used",
+            100.0 * apart
+        )];
+        let evidence = DepthEvidence { maps: 0, by, deviation };
+        return DepthMaps { evidence, notes, ..DepthMaps::default() };
+    }
     let maps = maps.into_iter().map(|(v, map)| (scene.views[v].name.clone(), map)).collect();
     DepthMaps { maps, evidence: DepthEvidence { maps: usable, by, deviation }, points, notes }
 }
@@ -125,13 +134,16 @@ fn find(scene: &Scene, views: &[usize], tracked: bool) -> Found {
     let view = &scene.views[views[0]];
     let sees = |v: &usize, point: &Point| point.track.binary_search(&(*v as u32)).is_ok();
     let seen = scene.points.iter().filter(|point| !tracked || views.iter().any(|v| sees(v, point)));
-    let map = view.depth.as_deref().ok_or_else(String::new).and_then(read::read).and_then(|map| {
-        if view.lens.fits(map.width, map.height) {
-            Ok((scale(view, &map, seen), map))
-        } else {
-            Err(format!("is {} x {}, another shape than its photo", map.width, map.height))
-        }
-    });
+    let map =
+        view.depth.as_deref().ok_or_else(String::new).and_then(|path| read::read(path, view.depth_step)).and_then(
+            |map| {
+                if view.lens.fits(map.width, map.height) {
+                    Ok((scale(view, &map, seen), map))
+                } else {
+                    Err(format!("is {} x {}, another shape than its photo", map.width, map.height))
+                }
+            },
+        );
     Found { views: views.to_vec(), map }
 }
 

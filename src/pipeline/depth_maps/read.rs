@@ -3,11 +3,12 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use half::f16;
 use image::{DynamicImage, ImageReader};
 use npyz::{DType, NpyFile, TypeChar};
 
-/// Steps of 16-bit maps in world units: millimetres, if these are metres.
-const STEP: f32 = 1e-3;
+/// Steps of 16-bit maps in world units where nothing says them: millimetres, if these are metres.
+const STEP: f64 = 1e-3;
 /// Share of the depth by which neighbouring pixels differ at an edge, where no depth is taken.
 const EDGE: f32 = 0.05;
 
@@ -22,27 +23,28 @@ pub struct Map {
     pub depths: Vec<f32>,
 }
 
-/// Reads a map: 16-bit pictures in thousandths, EXR and npy as they are.
+/// Reads a map: 16-bit whole numbers in steps of this many world units, thousandths if it is not given; others as they are.
 ///
 /// # Errors
 /// A predicate that names the fault of the file.
-pub fn read(path: &Path) -> Result<Map, String> {
-    of_bytes(&std::fs::read(path).map_err(|e| e.to_string())?)
+pub fn read(path: &Path, step: Option<f64>) -> Result<Map, String> {
+    of_bytes(&std::fs::read(path).map_err(|e| e.to_string())?, step)
 }
 
 /// As [`read`], of a file's bytes.
 ///
 /// # Errors
 /// As [`read`].
-pub fn of_bytes(bytes: &[u8]) -> Result<Map, String> {
+pub fn of_bytes(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
+    let length = |steps: u16| (f64::from(steps) * step.unwrap_or(STEP)) as f32;
     if bytes.starts_with(b"\x93NUMPY") {
-        return npy(bytes);
+        return npy(bytes, length);
     }
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     let decoded = reader.decode().map_err(|e| format!("cannot be decoded: {e}"))?;
     let (width, height) = (decoded.width(), decoded.height());
     let depths = match decoded {
-        DynamicImage::ImageLuma16(steps) => steps.into_raw().into_iter().map(|s| f32::from(s) * STEP).collect(),
+        DynamicImage::ImageLuma16(steps) => steps.into_raw().into_iter().map(length).collect(),
         DynamicImage::ImageRgb32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         DynamicImage::ImageRgba32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         _ => return Err("has neither 16 bits nor floats".to_owned()),
@@ -50,7 +52,7 @@ pub fn of_bytes(bytes: &[u8]) -> Result<Map, String> {
     Ok(Map { width, height, depths })
 }
 
-fn npy(bytes: &[u8]) -> Result<Map, String> {
+fn npy(bytes: &[u8], length: impl Fn(u16) -> f32) -> Result<Map, String> {
     let npy = NpyFile::new(bytes).map_err(|e| format!("cannot be read: {e}"))?;
     let (height, width) = match *npy.shape() {
         [h, w] | [h, w, 1] | [1, h, w] => (h, w),
@@ -68,10 +70,9 @@ fn npy(bytes: &[u8]) -> Result<Map, String> {
     let depths: Vec<f32> = match (kind.type_char(), kind.num_bytes()) {
         (TypeChar::Float, Some(4)) => npy.into_vec::<f32>().map_err(cut)?,
         (TypeChar::Float, Some(8)) => npy.into_vec::<f64>().map_err(cut)?.into_iter().map(|v| v as f32).collect(),
-        (TypeChar::Uint, Some(2)) => {
-            npy.into_vec::<u16>().map_err(cut)?.into_iter().map(|v| f32::from(v) * STEP).collect()
-        }
-        _ => return Err(format!("has numbers of type {kind}, not f4, f8 or u2")),
+        (TypeChar::Float, Some(2)) => npy.into_vec::<f16>().map_err(cut)?.into_iter().map(f16::to_f32).collect(),
+        (TypeChar::Uint, Some(2)) => npy.into_vec::<u16>().map_err(cut)?.into_iter().map(length).collect(),
+        _ => return Err(format!("has numbers of type {kind}, not f2, f4, f8 or u2")),
     };
     Ok(Map { width: width as u32, height: height as u32, depths })
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::names::{EXTENSIONS, is_photo_name};
+use super::names::{EXTENSIONS, is_photo_name, key, relative, tidy};
 use super::tree::photo_names;
 use crate::scene::Error;
 use crate::scene::image_size::image_size;
@@ -50,6 +50,30 @@ pub(super) fn appended(path: &Path, extension: &str) -> PathBuf {
     name.push(".");
     name.push(extension);
     PathBuf::from(name)
+}
+
+/// The file that a capture names by a path: as listed, else whatever the case, and without the folders of the machine that wrote it.
+pub(super) fn listed(root: &Path, name: &str) -> PathBuf {
+    let usual = root.join(tidy(name));
+    if usual.is_file() {
+        return usual;
+    }
+    let relative = relative(name);
+    let parts: Vec<&str> = relative.split('/').collect();
+    let whole = if usual == root.join(&relative) { parts.len().min(1) } else { parts.len() };
+    (0..whole).find_map(|from| in_any_case(root, &parts[from..])).unwrap_or(usual)
+}
+
+/// The file at a path below a folder, whose parts may be written in another case.
+fn in_any_case(folder: &Path, parts: &[&str]) -> Option<PathBuf> {
+    let (first, rest) = parts.split_first()?;
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut found: Vec<PathBuf> =
+        entries.filter(|e| key(&e.file_name().to_string_lossy()) == key(first)).map(|e| e.path()).collect();
+    found.sort();
+    found
+        .into_iter()
+        .find_map(|path| if rest.is_empty() { path.is_file().then_some(path) } else { in_any_case(&path, rest) })
 }
 
 /// The depth map of a photo in a folder: with its name, or that of its file alone, and an extension of depth maps in place of its

@@ -4,13 +4,16 @@ use std::fs;
 use std::path::Path;
 
 /// How a file's name ends, in lower case, the program that writes it, and how that program exports COLMAP's format.
-const FOREIGN: [(&str, &str, &str); 13] = [
+const FOREIGN: [(&str, &str, &str); 16] = [
     ("reconstruction.json", "OpenSfM", "`opensfm export_colmap` converts it"),
     ("sfm_data.json", "OpenMVG", "`openMVG_main_openMVG2Colmap` converts it"),
     ("meta_data.json", "SDFStudio", "give its photos to `pose`, or its transforms.json"),
     ("poses_bounds.npy", "LLFF", "give the COLMAP model that it was made from"),
     ("bundle.out", "Bundler", "export COLMAP's format instead"),
     ("database.db", "COLMAP, without a model", "run `colmap mapper`"),
+    ("cameras_sphere.npz", "NeuS or IDR", "give the COLMAP model that it was made from"),
+    ("metadata.json", "Record3D", "nerfstudio's `ns-process-data record3d` converts it"),
+    ("pose", "ScanNet or NSVF", "convert it to a transforms.json"),
     (".sfm", "Meshroom", "its node ExportColmap, or `aliceVision_exportColmap`, converts it"),
     (".abc", "Meshroom", "its node ExportColmap, or `aliceVision_exportColmap`, converts it"),
     (".nvm", "VisualSFM", "export COLMAP's format instead"),

@@ -100,7 +100,7 @@ fn files(folder: &Path) -> Vec<(String, PathBuf)> {
     found
 }
 
-/// The mask folder that goes with a photo folder: `images_4` has `masks_4`, else `masks` or `mask`, beside it; upper or
+/// The mask folder that goes with a photo folder: `images_4` has `masks_4`, else `masks` or `mask`, beside it or in it; upper or
 /// lower case.
 fn folder(root: &Path, images: &Path) -> Option<PathBuf> {
     let beside = images.parent().filter(|_| images.starts_with(root) && images != root).unwrap_or(root);
@@ -108,8 +108,9 @@ fn folder(root: &Path, images: &Path) -> Option<PathBuf> {
     let scaled = name.strip_prefix("images").map(|suffix| format!("masks{suffix}"));
     let usual = scaled.into_iter().chain(["masks".to_owned()]).map(|m| beside.join(m)).find(|p| p.is_dir());
     usual.or_else(|| {
-        let mut others: Vec<PathBuf> = fs::read_dir(beside)
+        let mut others: Vec<PathBuf> = [beside, images]
             .into_iter()
+            .filter_map(|place| fs::read_dir(place).ok())
             .flatten()
             .flatten()
             .filter(|e| is_mask_folder(&e.file_name().to_string_lossy().to_lowercase()) && e.path().is_dir())

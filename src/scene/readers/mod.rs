@@ -55,6 +55,7 @@ struct ListedView {
     image: PathBuf,
     mask: Option<PathBuf>,
     depth: Option<PathBuf>,
+    depth_step: Option<f64>,
     misfit: Option<f64>,
     lens: Lens,
     camera_id: u32,
@@ -156,10 +157,29 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let listed = points.len();
     let points = merge_repeated(points);
     skipped.repeated_points = listed - points.len();
+    skipped.notes.extend(unseen(&views, &points));
     let near = near(&views, &points);
     let origin = DVec3::ZERO;
     let Listing { kind, root, .. } = listing;
     Ok(Scene { kind, root, source, views, points, skipped, near, unit: 1.0, origin }.move_near())
+}
+
+/// A note if most views see none of the points, of which some are looked at; points with tracks are seen.
+fn unseen(views: &[View], points: &[Point]) -> Option<String> {
+    const LOOKED_AT: usize = 2000;
+    if points.iter().any(|point| !point.track.is_empty()) || points.is_empty() {
+        return None;
+    }
+    let some = points.iter().step_by(points.len().div_ceil(LOOKED_AT));
+    let blind = |view: &&View| view.face.is_none() && !some.clone().any(|point| view.camera.shows(point.position));
+    let count = views.iter().filter(blind).count();
+    (2 * count > views.len()).then(|| {
+        format!(
+            "{count} of {} see none of the points: do cameras and points lie in one world, and do the poses have the axes and the \
+             direction (camera to world or back) of their format?",
+            counted(views.len(), "view")
+        )
+    })
 }
 
 /// Counts the photos in `folder` that no view has, and those that cannot be read.
@@ -228,6 +248,7 @@ fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Resu
         finished.image = view.image;
         finished.mask = view.mask;
         finished.depth = view.depth;
+        finished.depth_step = view.depth_step;
         finished.misfit = view.misfit;
         finished.camera_id = view.camera_id;
         finished.role = view.role;

@@ -143,7 +143,7 @@ impl Lookup {
 
     fn found(&self, name: &str) -> Option<String> {
         let files = self.files.get_or_init(|| Files::of(&self.folder));
-        let foreign = name.starts_with(['/', '\\']) || relative(name) != tidy(name);
+        let foreign = name.starts_with(['/', '\\']) || tidy(name).starts_with("../") || relative(name) != tidy(name);
         let key = key(&relative(name));
         let mut rest = key.as_str();
         loop {

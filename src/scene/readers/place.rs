@@ -115,7 +115,15 @@ fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
                     format!("the undistorted photos of {} and their cameras are used", name_in(folder, &dense.root));
                 Place { note: Some(note), ..dense }
             }
-            None => place,
+            None => {
+                let other = folder.join("transforms.json");
+                let also = || {
+                    let name = name_in(folder, if let Poses::Colmap(model) = &place.poses { model } else { folder });
+                    format!("poses are those of {name}, not those of transforms.json")
+                };
+                let notes: Vec<String> = place.note.clone().into_iter().chain(other.is_file().then(also)).collect();
+                Place { note: (!notes.is_empty()).then(|| notes.join("; ")), ..place }
+            }
         });
     }
     let named = ["transforms.json", "transforms_train.json"].map(|name| folder.join(name));

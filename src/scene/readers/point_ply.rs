@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::{ListedPoint, files};
+use crate::kernels::constants::sh::float64::SH_C0;
 use crate::scene::Error;
 
 #[derive(Clone, Copy, PartialEq)]
@@ -75,17 +76,23 @@ pub(super) fn read(path: &Path) -> Result<Vec<ListedPoint>, Error> {
     let (Some(x), Some(y), Some(z)) = (column(&["x"]), column(&["y"]), column(&["z"])) else {
         return Err(Error::malformed(path, "the header", "its vertices have no x, y and z"));
     };
-    let colours = [["red", "r"], ["green", "g"], ["blue", "b"]].map(|names| column(&names));
-    let point = |row: &[f64]| ListedPoint {
-        position: DVec3::new(row[x], row[y], row[z]),
-        colour: colours.map(|c| {
-            c.map_or(128, |c| {
-                let scale = if header.properties[c].1.float { 255.0 } else { 1.0 };
-                (row[c] * scale).round() as u8 // saturates; NaN gives 0
-            })
-        }),
-        error: 0.0,
-        track: Vec::new(),
+    let colour = Colour::of(&header);
+    let mut brightest: f64 = 0.0;
+    let mut point = |row: &[f64]| {
+        let shown = colour.shown(row);
+        brightest = shown.iter().copied().fold(brightest, f64::max);
+        (DVec3::new(row[x], row[y], row[z]), shown)
+    };
+    // Floats are shares of white, or count to 255 as bytes do.
+    let finish = |points: Vec<(DVec3, [f64; 3])>, brightest: f64| {
+        let bytes = if brightest > MOST_SHARE { 1.0 } else { 255.0 };
+        let listed = |(position, shown): (DVec3, [f64; 3])| ListedPoint {
+            position,
+            colour: shown.map(|c| (c * bytes).round() as u8), // saturates; NaN gives 0
+            error: 0.0,
+            track: Vec::new(),
+        };
+        points.into_iter().map(listed).collect()
     };
 
     let mut points = Vec::new();
@@ -101,7 +108,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<ListedPoint>, Error> {
             }
             points.push(point(&row));
         }
-        return Ok(points);
+        return Ok(finish(points, brightest));
     }
     let stride: usize = header.properties.iter().map(|(_, kind)| kind.size).sum();
     let there = body.len() / stride;
@@ -117,7 +124,57 @@ pub(super) fn read(path: &Path) -> Result<Vec<ListedPoint>, Error> {
         }
         points.push(point(&row));
     }
-    Ok(points)
+    Ok(finish(points, brightest))
+}
+
+/// Above this, a colour in floats is no share of white, even of a bright one.
+const MOST_SHARE: f64 = 2.0;
+
+/// The columns of colours, under the names that tools give them.
+enum Colour {
+    None,
+    /// Three columns, and what is white in whole numbers; 1 in floats.
+    Three([usize; 3], f64),
+    /// Bytes of blue, green, red and alpha in one number, or in the bits of a float.
+    Packed(usize, bool),
+    /// The zeroth coefficients of a model of Gaussians.
+    Harmonics([usize; 3]),
+}
+
+impl Colour {
+    fn of(header: &Header) -> Self {
+        let column = |name: &str| header.properties.iter().position(|(own, _)| own == name);
+        let three = |names: [&str; 3]| {
+            let [Some(red), Some(green), Some(blue)] = names.map(column) else { return None };
+            Some([red, green, blue])
+        };
+        let names = [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
+        if let Some(columns) = names.into_iter().find_map(three) {
+            let kind = header.properties[columns[0]].1;
+            return Self::Three(columns, if kind.float { 1.0 } else { (1_u64 << (8 * kind.size)) as f64 - 1.0 });
+        }
+        let packed = || ["rgb", "rgba"].into_iter().find_map(column).filter(|c| header.properties[*c].1.size == 4);
+        if let Some(columns) = three(["f_dc_0", "f_dc_1", "f_dc_2"]) {
+            Self::Harmonics(columns)
+        } else if let Some(column) = packed() {
+            Self::Packed(column, header.properties[column].1.float)
+        } else {
+            Self::None
+        }
+    }
+
+    /// Red, green and blue of a row as shares of white, or floats as they are; grey without a colour.
+    fn shown(&self, row: &[f64]) -> [f64; 3] {
+        match *self {
+            Self::None => [0.5; 3],
+            Self::Three(columns, white) => columns.map(|c| row[c] / white),
+            Self::Harmonics(columns) => columns.map(|c| (row[c] * SH_C0 + 0.5).clamp(0.0, 1.0)),
+            Self::Packed(column, is_float) => {
+                let bits = if is_float { (row[column] as f32).to_bits() } else { row[column] as i64 as u32 };
+                [16, 8, 0].map(|shift| f64::from((bits >> shift) as u8) / 255.0)
+            }
+        }
+    }
 }
 
 fn header(bytes: &[u8]) -> Result<Header, String> {

@@ -19,6 +19,21 @@ pub(super) fn from_quaternion([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> 
     usable.then(|| (DMat3::from_quat(q.normalize()), translation))
 }
 
+/// Divides a matrix of four rows by its last entry, so that the last row is 0 0 0 1.
+///
+/// # Errors
+/// A sentence on a last row that no pose has.
+pub(super) fn divide(rows: &mut [Vec<f64>]) -> Result<(), String> {
+    let Some([x, y, z, w]) = rows.get(3).and_then(|row| row.first_chunk::<4>().copied()) else { return Ok(()) };
+    if [x, y, z].iter().any(|v| v.abs() > 1e-6 * w.abs()) {
+        let what =
+            "its transform_matrix does not end in a row 0 0 0 1: is it transposed, with columns as rows? Transpose it";
+        return Err(what.to_owned());
+    }
+    rows.iter_mut().flatten().for_each(|v| *v /= w);
+    Ok(())
+}
+
 /// True for a matrix that would be a pose if it did not mirror the world.
 pub(super) fn is_mirrored(rows: &[Vec<f64>]) -> bool {
     let flipped: Vec<Vec<f64>> =

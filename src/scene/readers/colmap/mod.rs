@@ -70,10 +70,8 @@ pub(super) fn largest(sparse: &Path) -> Option<(PathBuf, Option<String>)> {
     let inner = std::fs::read_dir(sparse).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut models: Vec<PathBuf> = inner.filter(|path| is_model(path)).collect();
     models.sort();
-    if models.is_empty() {
-        return is_model(sparse).then(|| (sparse.to_owned(), None));
-    }
-    if models.len() == 1 {
+    models.extend(is_model(sparse).then(|| sparse.to_owned()));
+    if models.len() < 2 {
         return models.pop().map(|only| (only, None));
     }
     let mut sized: Vec<(usize, PathBuf)> = models.into_iter().map(|model| (images_of(&model), model)).collect();
@@ -148,6 +146,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             image,
             mask: masks.find(&name),
             depth: None,
+            depth_step: None,
             misfit,
             name,
             lens,

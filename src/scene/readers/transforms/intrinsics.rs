@@ -34,6 +34,12 @@ pub(super) struct Intrinsics {
     p2: Option<f64>,
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
+    equirectangular: Option<bool>,
+    latlong: Option<bool>,
+    ftheta_p0: Option<f64>,
+    x_fov: Option<f64>,
+    y_fov: Option<f64>,
+    distortion_params: Option<Vec<f64>>,
 }
 
 /// Models whose parameters have no names in these files.
@@ -54,8 +60,23 @@ pub(super) enum LensFault {
 impl Intrinsics {
     /// The intrinsics that a file or a frame gives, under the usual names.
     pub fn of(json: &Value) -> Result<Self, serde_json::Error> {
-        let found = Self::deserialize(json)?;
+        let mut found = Self::deserialize(json)?;
+        // nerfstudio's order.
+        if let Some(&[k1, k2, k3, k4, p1, p2]) = found.distortion_params.as_deref() {
+            (found.k1, found.k2, found.k3, found.k4) = (Some(k1), Some(k2), Some(k3), Some(k4));
+            (found.p1, found.p2) = (Some(p1), Some(p2));
+        }
+        // instant-ngp's flags of lenses.
+        let flags = [
+            (found.equirectangular == Some(true), "EQUIRECTANGULAR"),
+            (found.latlong == Some(true), "latlong"),
+            (found.ftheta_p0.is_some(), "ftheta"),
+        ];
+        let flagged = flags.into_iter().find(|(is_set, _)| *is_set).map(|(_, name)| name.to_owned());
         Ok(Self {
+            camera_model: flagged.or(found.camera_model),
+            camera_angle_x: found.camera_angle_x.or(found.x_fov.map(f64::to_radians)),
+            camera_angle_y: found.camera_angle_y.or(found.y_fov.map(f64::to_radians)),
             fl_x: found.fl_x.or(found.fx),
             fl_y: found.fl_y.or(found.fy),
             w: found.w.or(found.width),
@@ -64,11 +85,10 @@ impl Intrinsics {
         })
     }
 
-    /// The frame's own values if given, otherwise the file's; a frame's own field of view replaces the file's focal
-    /// length.
+    /// The frame's own values if given, otherwise the file's; a frame's own field of view or focal length replaces both of the file's.
     pub fn over(&self, common: &Self) -> Self {
-        let angles = self.camera_angle_x.is_some() && self.fl_x.is_none();
-        let focal = |own: Option<f64>, file: Option<f64>| if angles { own } else { own.or(file) };
+        let own = self.camera_angle_x.is_some() || self.fl_x.is_some();
+        let focal = |frame: Option<f64>, file: Option<f64>| if own { frame } else { frame.or(file) };
         Self {
             fl_x: focal(self.fl_x, common.fl_x),
             fl_y: focal(self.fl_y, common.fl_y),

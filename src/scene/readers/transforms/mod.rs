@@ -6,7 +6,7 @@
 
 mod intrinsics;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::iter;
 use std::path::{Path, PathBuf};
 
@@ -60,6 +60,9 @@ struct Whole {
     test_filenames: Vec<String>,
     /// Held-out frames beside the others, as of ScanNet++.
     test_frames: Vec<Value>,
+    /// Length of a step of whole-number depth maps, under the names of nerfstudio and instant-ngp.
+    depth_unit_scale_factor: Option<f64>,
+    integer_depth_scale: Option<f64>,
     ply_file_path: Option<String>,
 }
 
@@ -111,7 +114,7 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     } else {
         let whole = reader.file(path, Role::Unsaid)?;
         if let Some(named) = whole.ply_file_path {
-            let ply = root.join(tidy(&named));
+            let ply = files::listed(root, &named);
             if ply.is_file() {
                 points = clouds::usable(point_ply::read(&ply)?, &mut reader.skipped);
             } else {
@@ -126,9 +129,6 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     }
     if points.is_empty() {
         points = clouds::beside(std::iter::empty(), root, &mut skipped);
-    }
-    if points.is_empty() && kind == SceneKind::Transforms {
-        skipped.notes.push("no points: training begins at random ones".to_owned());
     }
     skipped.notes.extend(masks.values().filter_map(Masks::doubt));
     let photos = images.is_none().then(|| root.join("images")).filter(|folder| folder.is_dir());
@@ -156,11 +156,23 @@ impl Reader<'_> {
         ] {
             roles.extend(names.iter().map(|name| (tidy(name), role)));
         }
+        let listed = roles.len();
+        let step = whole.depth_unit_scale_factor.or(whole.integer_depth_scale).filter(|step| *step > 0.0);
+        let read = self.views.len();
         let own = if whole.test_frames.is_empty() { role } else { Role::Train };
         for (list, frames, role) in [("frame", frames, own), ("test_frames, frame", &whole.test_frames, Role::Test)] {
             for (i, json) in frames.iter().enumerate() {
                 self.frame((path, format!("{list} {}", i + 1)), json, &common, (&roles, role), frames)?;
             }
+        }
+        self.views[read..].iter_mut().for_each(|view| view.depth_step = step);
+        let names: HashSet<String> = frames.iter().filter_map(name_of).collect();
+        let found = roles.keys().filter(|name| names.contains(*name)).count();
+        if found < listed {
+            self.skipped.notes.push(format!(
+                "{} of {listed} in train_filenames, val_filenames and test_filenames are no frame's file_path",
+                listed - found
+            ));
         }
         Ok(whole)
     }
@@ -184,9 +196,10 @@ impl Reader<'_> {
         let own = Intrinsics::of(json).map_err(|e| wrong(&record, e.to_string()))?;
         let name = tidy(&frame.file_path);
         record = format!("{record} ({name:?})");
-        let Some(rows) = frame.rows().filter(|_| !name.is_empty()) else {
+        let Some(mut rows) = frame.rows().filter(|_| !name.is_empty()) else {
             return Err(wrong(&record, "needs a file_path and a transform_matrix of 4 x 4 numbers".to_owned()));
         };
+        pose::divide(&mut rows).map_err(|what| wrong(&record, what))?;
         let usual = self.usual(&name);
         let intrinsics = own.over(common);
         let size = match intrinsics.size() {
@@ -222,6 +235,7 @@ impl Reader<'_> {
             mask,
             misfit: None,
             depth,
+            depth_step: None,
             image: self.photo(&name, usual),
             lens,
             camera_id,
@@ -245,10 +259,7 @@ impl Reader<'_> {
 
     /// The size of the first photo that exists.
     fn first_size(&self, frames: &[Value]) -> Option<(u32, u32)> {
-        frames.iter().find_map(|frame| {
-            let name = tidy(frame.get("file_path")?.as_str()?);
-            files::photo_size(&self.usual(&name))
-        })
+        frames.iter().find_map(|frame| files::photo_size(&self.usual(&name_of(frame)?)))
     }
 
     /// The photo of a frame: as listed, or in the requested folder under its name without the first folder, its whole
@@ -263,7 +274,7 @@ impl Reader<'_> {
     /// The mask of a frame: as listed, or from a masks folder beside the photos' or in the scene.
     fn mask(&mut self, name: &str, listed: Option<&str>) -> Option<PathBuf> {
         if let Some(listed) = listed {
-            let mask = self.root.join(tidy(listed));
+            let mask = files::listed(self.root, listed);
             if mask.is_file() {
                 return Some(mask);
             }
@@ -278,7 +289,7 @@ impl Reader<'_> {
     /// The depth map that a frame names.
     fn depth(&mut self, listed: Option<&str>) -> Option<PathBuf> {
         let listed = listed?;
-        let map = self.root.join(tidy(listed));
+        let map = files::listed(self.root, listed);
         if map.is_file() {
             return Some(map);
         }
@@ -291,6 +302,11 @@ impl Reader<'_> {
         let next = self.camera_ids.len() as u32;
         *self.camera_ids.entry(lens.key()).or_insert(next)
     }
+}
+
+/// The name of a frame's photo.
+fn name_of(frame: &Value) -> Option<String> {
+    Some(tidy(frame.get("file_path")?.as_str()?))
 }
 
 /// The text with null for what Python writes for numbers that JSON does not know.

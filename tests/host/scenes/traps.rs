@@ -1,0 +1,205 @@
+//! Captures that could be read wrongly without a word: each has the right value, a note, or an error.
+
+use std::fs;
+use std::path::Path;
+
+use super::dialects::{notes, open};
+use crate::support::files::writers::{picture, row, transforms, write, written};
+use qirf_vk::scene::lens::{Lens, LensModel};
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, Scene};
+
+const NAMES: [&str; 2] = ["images/a.png", "images/b.png"];
+const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
+
+/// A capture of two photos with this transforms.json.
+fn capture(json: impl Into<Vec<u8>>) -> tempfile::TempDir {
+    let folder = written([("transforms.json", json.into())]);
+    for name in NAMES {
+        picture(&folder.path().join(name), 64, 48);
+    }
+    folder
+}
+
+fn json(top: &str) -> String {
+    String::from_utf8(transforms(top, &NAMES)).unwrap()
+}
+
+fn refused(root: &Path) -> String {
+    Scene::open(root, &OpenOptions::default()).unwrap_err().to_string()
+}
+
+fn load(root: &Path) -> (Vec<Photo>, String) {
+    let mut scene = open(root);
+    let photos = scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+    (photos, notes(&scene))
+}
+
+/// A picture of two bytes a pixel, grey and alpha.
+fn grey(path: &Path, pixel: impl Fn(u32) -> [u8; 2]) {
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    image::GrayAlphaImage::from_fn(64, 48, |x, _| image::LumaA(pixel(x))).save(path).unwrap();
+}
+
+#[test]
+fn masks_count_where_they_are_not_zero_also_in_small_numbers_and_in_alpha() {
+    let half = |x: u32, v: u8| if x < 32 { v } else { 0 };
+    for (file, pixel) in [
+        ("masks/a.png", &(|x| [half(x, 255), 255]) as &dyn Fn(u32) -> [u8; 2]),
+        ("masks/a.png", &|x| [half(x, 1), 255]),
+        ("masks/a.png", &|x| [half(x, 7), 255]),
+        ("masks/a.png", &|x| [half(x, 128), 255]),
+        ("masks/a.png", &|x| [255, half(x, 255)]),
+        ("masks/a.png", &|x| [0, half(x, 255)]),
+        ("images/masks/a.png", &|x| [half(x, 255), 255]),
+    ] {
+        let scene = capture(json(TOP));
+        grey(&scene.path().join(file), pixel);
+        let (photos, _) = load(scene.path());
+        assert_eq!(photos[0].alpha_role, AlphaRole::Mask);
+        for (x, counts) in [(31, 255), (32, 0)] {
+            assert_eq!(photos[0].pixels.at(x).unwrap()[3], counts, "{file} {:?}", pixel(0));
+        }
+        assert_eq!(photos[1].pixels.at(40).unwrap()[3], 255);
+    }
+    let scene = capture(json(TOP));
+    grey(&scene.path().join("masks/a.png"), |_| [0, 255]);
+    assert!(load(scene.path()).1.contains("1 photo hidden as a whole by their masks"));
+}
+
+#[test]
+fn alpha_that_leaves_nothing_does_not_count_and_goes_before_masks() {
+    let with = |alpha: u8| {
+        let scene = capture(json(TOP));
+        let pixel = |x: u32, _: u32| image::Rgba([200, 9, 9, if x < 32 { alpha } else { 0 }]);
+        for name in NAMES {
+            image::RgbaImage::from_fn(64, 48, pixel).save(scene.path().join(name)).unwrap();
+        }
+        scene
+    };
+    let (photos, told) = load(with(0).path());
+    assert_eq!((photos[0].alpha_role, photos[0].pixels.at(0).unwrap()), (AlphaRole::Opaque, [200, 9, 9, 255]));
+    assert!(told.contains("all of the photos is transparent"), "{told}");
+    let scene = with(255);
+    picture(&scene.path().join("masks/a.png"), 64, 48);
+    let (photos, told) = load(scene.path());
+    assert_eq!(photos[0].alpha_role, AlphaRole::Alpha);
+    assert!(told.contains("their masks are not used"), "{told}");
+}
+
+#[test]
+fn lenses_of_nerfstudio_and_instant_ngp_are_read_or_refused_by_name() {
+    let lens = |top: &str| -> Lens { open(capture(json(top)).path()).views[0].lens };
+    let named = lens(&format!(r#"{TOP}, "k1": 0.1, "k2": -0.02, "k3": 0.003, "k4": 0.001, "p1": 0.004, "p2": 0.005"#));
+    assert_eq!(lens(&format!(r#"{TOP}, "distortion_params": [0.1, -0.02, 0.003, 0.001, 0.004, 0.005]"#)), named);
+    let angles = lens(r#""x_fov": 60, "y_fov": 40, "w": 64, "h": 48"#);
+    let focal = [32.0 / 30_f64.to_radians().tan(), 24.0 / 20_f64.to_radians().tan()];
+    assert!((angles.focal.x - focal[0]).abs() < 1e-9 && (angles.focal.y - focal[1]).abs() < 1e-9);
+    let around = open(capture(json(&format!(r#"{TOP}, "equirectangular": true"#))).path());
+    assert_eq!((around.views.len(), around.views[0].lens.model), (12, LensModel::Equirectangular));
+    for (flag, name) in [(r#""latlong": true"#, "latlong"), (r#""ftheta_p0": 0.1"#, "ftheta")] {
+        assert!(refused(capture(json(&format!("{TOP}, {flag}"))).path()).contains(name), "{name}");
+    }
+    // A frame's own focal length is that of both axes.
+    let own = json(TOP).replacen("{\"file_path\"", "{\"fl_x\": 70, \"file_path\"", 1);
+    assert_eq!(open(capture(own).path()).views[0].lens.focal.to_array(), [70.0, 70.0]);
+}
+
+#[test]
+fn matrices_end_in_0_0_0_1() {
+    let plain = open(capture(json(TOP)).path());
+    let twice =
+        json(TOP).replace("[[1,0,0,2],[0,1,0,0],[0,0,1,4],[0,0,0,1]]", "[[2,0,0,4],[0,2,0,0],[0,0,2,8],[0,0,0,2]]");
+    assert_ne!(twice, json(TOP));
+    assert_eq!(open(capture(twice).path()).views[1].camera, plain.views[1].camera);
+    let transposed =
+        json(TOP).replace("[[1,0,0,2],[0,1,0,0],[0,0,1,4],[0,0,0,1]]", "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[2,0,4,1]]");
+    let said = refused(capture(transposed).path());
+    assert!(said.contains("frame 2") && said.contains("transposed"), "{said}");
+}
+
+const CLOUD: &str = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n";
+
+#[test]
+fn files_that_a_capture_names_are_found_and_lists_that_name_nothing_are_told() {
+    let points = format!("{CLOUD}end_header\n1 0 -1\n");
+    for (mask, cloud) in [
+        ("Seg/A.PNG", "Cloud/P.ply"),
+        ("/home/me/scan/seg/a.png", "/home/me/scan/cloud/p.ply"),
+        (r"C:\\scan\\seg\\a.png", r".\\cloud\\p.ply"),
+    ] {
+        let top = format!(r#"{TOP}, "ply_file_path": "{cloud}""#);
+        let scene =
+            capture(json(&top).replacen("{\"file_path\"", &format!("{{\"mask_path\": \"{mask}\", \"file_path\""), 1));
+        grey(&scene.path().join("seg/a.png"), |_| [255, 255]);
+        write(scene.path(), [("cloud/p.ply", points.clone().into_bytes())]);
+        let opened = open(scene.path());
+        assert_eq!((opened.points.len(), notes(&opened)), (1, String::new()), "{mask} {cloud}");
+        assert_eq!(opened.views[0].mask.as_deref(), Some(scene.path().join("seg/a.png").as_path()));
+    }
+    let top = format!(r#"{TOP}, "train_filenames": ["images/a.png"], "test_filenames": ["b.png", "/x/images/c.png"]"#);
+    let told = notes(&open(capture(json(&top)).path()));
+    assert!(told.contains("2 of 3 in train_filenames, val_filenames and test_filenames"), "{told}");
+}
+
+#[test]
+fn points_have_the_colours_of_their_file_whatever_they_are_called() {
+    for (properties, values) in [
+        ("uchar red uchar green uchar blue", "10 20 250"),
+        ("ushort red ushort green ushort blue", "2570 5140 64250"),
+        ("float red float green float blue", "0.0392 0.0784 0.9804"),
+        ("float red float green float blue", "10 20 250"),
+        ("uchar diffuse_red uchar diffuse_green uchar diffuse_blue", "10 20 250"),
+        ("float f_dc_0 float f_dc_1 float f_dc_2", "-1.63345 -1.49443 1.70296"),
+        ("uint rgb", "660730"),
+        ("float rgba", "9.258799e-40"),
+    ] {
+        let words: Vec<&str> = properties.split(' ').collect();
+        let header: String = words.chunks(2).map(|p| format!("property {} {}\n", p[0], p[1])).collect();
+        let scene = capture(json(&format!(r#"{TOP}, "ply_file_path": "p.ply""#)));
+        write(scene.path(), [("p.ply", format!("{CLOUD}{header}end_header\n1 2 3 {values}\n").into_bytes())]);
+        assert_eq!(open(scene.path()).points[0].colour, [10, 20, 250], "{properties}");
+    }
+}
+
+#[test]
+fn of_several_places_with_poses_the_one_used_is_told() {
+    let all = ["a.png", "b.png", "c.png"];
+    let scene = written(row(&all[..2]).text().map(|(name, bytes)| (name, bytes)));
+    let sparse = tempfile::tempdir().unwrap();
+    write(&sparse.path().join("sparse"), row(&all).text());
+    write(&sparse.path().join("sparse/0"), row(&all[..2]).binary());
+    let opened = open(sparse.path());
+    assert_eq!(opened.views.len(), 3);
+    assert!(
+        notes(&opened).contains("holds 2 models: sparse (3 photos) is used, not 0 (2 photos)"),
+        "{}",
+        notes(&opened)
+    );
+    assert_eq!(notes(&open(scene.path())), "");
+    write(sparse.path(), [("transforms.json", transforms(TOP, &all))]);
+    assert!(notes(&open(sparse.path())).contains("poses are those of sparse, not those of transforms.json"));
+}
+
+#[test]
+fn cameras_that_look_away_from_the_points_are_told() {
+    let cloud = |z: f64| format!("{CLOUD}end_header\n1 0 {z}\n").into_bytes();
+    for (z, away) in [(-1.0, false), (9.0, true)] {
+        // Two cameras at z = 4 that look along -z.
+        let scene = capture(json(&format!(r#"{TOP}, "ply_file_path": "p.ply""#)));
+        write(scene.path(), [("p.ply", cloud(z))]);
+        assert_eq!(notes(&open(scene.path())).contains("2 of 2 views see none of the points"), away, "{z}");
+    }
+    assert!(open(capture(json(TOP)).path()).lacks_points().unwrap().starts_with("no points"));
+}
+
+#[test]
+fn depth_maps_have_the_step_that_the_file_says() {
+    for (field, step) in [
+        ("", None),
+        (r#", "integer_depth_scale": 6e-5"#, Some(6e-5)),
+        (r#", "depth_unit_scale_factor": 0.5"#, Some(0.5)),
+    ] {
+        let scene = open(capture(json(&format!("{TOP}{field}"))).path());
+        assert!(scene.views.iter().all(|view| view.depth_step == step), "{field}");
+    }
+}
