@@ -13,9 +13,11 @@ use crate::pipeline::compress::aim::Aim;
 use crate::pipeline::compress::fit::Target;
 use crate::pipeline::compress::levels::levels;
 use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to, cost};
+use crate::pipeline::place::shift_to;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Error, Session, eval};
 use crate::render::Style;
+use crate::scene::camera::Camera;
 use crate::scene::{OpenOptions, Scene};
 use crate::view::alone::{PageOptions, Shell};
 use crate::wording::counted;
@@ -68,7 +70,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true, help_heading = "Pages (.html)")]
     up: Option<Up>,
     /// Maximum size of the page, such as 5MB: find the page with the highest PSNR
-    #[arg(long, value_name = "BYTES", value_parser = values::file_size, help_heading = "Pages (.html)")]
+    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = values::file_size, help_heading = "Pages (.html)")]
     size: Option<u64>,
     /// Scene whose first camera shows the model first [default: the whole model]
     #[arg(long, value_name = "SCENE", help_heading = "Pages (.html)")]
@@ -235,7 +237,12 @@ impl Arguments {
     fn shell(&self, session: Option<&Session<'_>>, loaded: &Loaded) -> Result<Shell, Error> {
         let stem = || self.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let start = match &self.scene {
-            Some(path) => Scene::open(path, &OpenOptions::default())?.views.first().map(|view| view.camera.clone()),
+            Some(path) => {
+                let scene = Scene::open(path, &OpenOptions::default())?;
+                let shift = shift_to(&loaded.gaussians, loaded.origin, &scene);
+                let moved = |c: &Camera| Camera { translation: c.translation + c.rotation * shift, ..c.clone() };
+                scene.views.first().map(|view| moved(&view.camera))
+            }
             None => None,
         };
         let mut options = PageOptions {

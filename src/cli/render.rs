@@ -15,7 +15,7 @@ use crate::pipeline::depth;
 use crate::pipeline::evaluate::pictures::Format;
 use crate::pipeline::film::film;
 use crate::pipeline::panorama::{self, Panorama};
-use crate::pipeline::place::place;
+use crate::pipeline::place::{origin_of_cameras, place};
 use crate::pipeline::prepare::refuse_photo_folders;
 use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, near_at, render, scene_shots};
 use crate::scene::camera::{self, Camera};
@@ -73,7 +73,8 @@ pub(super) struct Arguments {
     /// Photo folder, such as images_4, whose photos give the size [default: the scene's own]
     #[arg(long, value_name = "DIR", help_heading = "Cameras", conflicts_with = "orbit")]
     images: Option<PathBuf>,
-    /// Picture size of an orbit, a path or a panorama [default: 1280x720; 2048x1024 for a panorama]
+    /// Picture size of an orbit, a path or a panorama [default: that of a camera path of nerfstudio, else 1280x720; 2048x1024 for a
+    /// panorama]
     #[arg(long, value_name = "WxH", help_heading = "Cameras", value_parser = values::size)]
     size: Option<(u32, u32)>,
     /// Vertical field of view of an orbit or a path, in degrees [default: 40]
@@ -123,7 +124,7 @@ impl Arguments {
             place(&mut loaded.gaussians, &mut loaded.origin, (scene, self.images.as_deref()))?;
         }
         let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
-        let model = loaded.gaussians;
+        let (model, origin) = (loaded.gaussians, loaded.origin);
         let mut config =
             RenderConfig { settings, format: self.format()?, transparent: self.transparent, depth: self.depth };
         let scene = self.scene.as_ref().map(|scene| self.open(scene, console)).transpose()?;
@@ -131,9 +132,9 @@ impl Arguments {
             config.settings.near = scene.near;
         }
         let work = match (&scene, &self.path) {
-            _ if self.panorama => Work::Panorama(self.whole(&model, scene.as_ref(), &mut config)),
+            _ if self.panorama => Work::Panorama(self.whole((&model, origin), scene.as_ref(), &mut config)),
             (scene, Some(path)) => {
-                let cameras = self.walk(path, scene.as_ref(), &model, &mut config)?;
+                let cameras = self.walk(path, scene.as_ref(), (&model, origin), &mut config)?;
                 if self.is_film() {
                     Work::Film(cameras)
                 } else {
@@ -244,7 +245,7 @@ impl Arguments {
         &self,
         path: &Path,
         scene: Option<&Scene>,
-        model: &Gaussians,
+        (model, origin): (&Gaussians, [f64; 3]),
         config: &mut RenderConfig,
     ) -> Result<Vec<Camera>, Error> {
         let count = self.frames.unwrap_or(FRAMES);
@@ -257,13 +258,21 @@ impl Arguments {
             let keys: Vec<Camera> = scene.views.iter().map(|view| view.camera_at(resize)).collect();
             return Ok(walk::walk(&keys, count));
         }
-        let frame = walk::Frame { size: orbit.look.size, fov: orbit.look.fov, up: orbit.up };
-        let (keys, every) = walk::read(path, &frame)?;
+        let Orbit { look, up, .. } = orbit;
+        let frame = walk::Frame { size: look.size, asked: self.size.is_some(), fov: look.fov, up };
+        let (mut keys, every) = walk::read(path, &frame)?;
+        let from = origin_of_cameras(camera::mean_centre(keys.iter()), origin);
+        keys.iter_mut().for_each(|key| key.translation += key.rotation * from);
         Ok(if every && self.frames.is_none() { keys } else { walk::walk(&keys, count) })
     }
 
     /// A panorama, whose near plane suits a small model.
-    fn whole(&self, model: &Gaussians, scene: Option<&Scene>, config: &mut RenderConfig) -> Panorama {
+    fn whole(
+        &self,
+        (model, origin): (&Gaussians, [f64; 3]),
+        scene: Option<&Scene>,
+        config: &mut RenderConfig,
+    ) -> Panorama {
         let up = self.up.unwrap_or(Up::Auto).direction();
         let all = scene.map(|scene| camera::mean_centre(scene.views.iter().map(|view| &view.camera)));
         let outline = outline(model, up);
@@ -271,7 +280,8 @@ impl Arguments {
         if reach > 0.0 {
             config.settings.near = near_at(config.settings.near, reach);
         }
-        let eye = self.at.or(all).unwrap_or(outline.centre);
+        let at = self.at.map(|at| at - origin_of_cameras(at, origin));
+        let eye = at.or(all).unwrap_or(outline.centre);
         Panorama { eye, up, width: self.size.map_or(2048, |size| size.0) }
     }
 

@@ -4,6 +4,7 @@ use super::budget::{self, CompressNeeds};
 use super::config::{Pruning, Selection};
 use super::draw_source::DrawSource;
 use super::pair_capacity;
+use super::place::place_in;
 use super::prepare::open;
 use super::session::Session;
 use super::virtual_views::{self, VirtualCameras};
@@ -48,21 +49,24 @@ impl fmt::Display for FloaterCounts {
     }
 }
 
-/// The rule by which each Gaussian of a model is a floater, if any, by the training photos of a scene.
+/// The rule by which each Gaussian of a model is a floater, if any, by the training photos of a scene. `origin` is the local origin of
+/// its means in the world.
 pub fn by_photos(
     session: &Session<'_>,
-    model: &Gaussians,
+    (model, mut origin): (&Gaussians, [f64; 3]),
     selection: &Selection,
     style: Style,
 ) -> Result<Vec<Option<Reason>>, Error> {
     let opened = open(selection)?;
     let needs = CompressNeeds { wanted: WANTED, style, ..CompressNeeds::of_photos(&opened) };
     let place = budget::for_compress(session.device, model, needs)?;
+    let mut left = model.clone();
+    place_in(&mut left, &mut origin, &opened.scene);
     let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
     let settings = prepared.settings(style);
     let mut found = vec![None; model.len()];
     // Each round measures what the last one left; where that removed nothing, its evidence still holds.
-    let (mut left, mut numbers): (_, Vec<usize>) = (model.clone(), (0..model.len()).collect());
+    let mut numbers: Vec<usize> = (0..model.len()).collect();
     let mut measured = None;
     for round in 0..Evidence::ROUNDS {
         let evidence = if let Some(evidence) = measured.take() {

@@ -18,12 +18,25 @@ pub fn place(model: &mut Gaussians, from: &mut [f64; 3], (scene, images): (&Path
 
 /// As [`place`]. A model without a recorded origin is assumed to use the world's if that brings it closer to the scene.
 pub fn place_in(model: &mut Gaussians, from: &mut [f64; 3], scene: &Scene) {
-    let (own, mean) = (DVec3::from(*from), mean(model));
-    let in_world = own != DVec3::ZERO || mean.distance(scene.origin) < mean.length();
-    if in_world && own != scene.origin {
-        model.shift(own - scene.origin);
+    let shift = shift_to(model, *from, scene);
+    if shift != DVec3::ZERO {
+        model.shift(shift);
         *from = scene.origin.to_array();
     }
+}
+
+/// What to add to the means of a model, which count from `from`, so that they count from where the coordinates of a scene do.
+pub fn shift_to(model: &Gaussians, from: [f64; 3], scene: &Scene) -> DVec3 {
+    let (own, mean) = (DVec3::from(from), mean(model));
+    let in_world = own != DVec3::ZERO || mean.distance(scene.origin) < mean.length();
+    if in_world { own - scene.origin } else { DVec3::ZERO }
+}
+
+/// What to subtract from cameras around `centre` to see a model whose means count from `origin`: that, if they are given in the
+/// world's coordinates; zero, if they lie round the model as it is.
+pub fn origin_of_cameras(centre: DVec3, origin: [f64; 3]) -> DVec3 {
+    let origin = DVec3::from(origin);
+    if centre.distance(origin) < centre.length() { origin } else { DVec3::ZERO }
 }
 
 /// Mean of the means, in world units.

@@ -16,6 +16,7 @@ use crate::metrics::Networks;
 use crate::pipeline::Error;
 use crate::pipeline::floaters::{self, FloaterCounts};
 use crate::pipeline::output::bytes_on_disk;
+use crate::pipeline::place::shift_to;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Selection, Session};
 use crate::scene::{EVAL_EVERY, OpenOptions};
@@ -79,6 +80,10 @@ impl Arguments {
         }
         let inputs: Vec<Value> = models.iter().map(|(path, loaded)| input(path, loaded)).collect();
         let origin = same_origin(&mut models);
+        if origin != [0.0; 3] {
+            let [x, y, z] = origin;
+            console.note(format_args!("coordinates, those of operations too, count from {x},{y},{z}"));
+        }
         let (model, mode) = merge(models, self.rendering.mode())?;
         let mut editor = Editor::new(model, self.json);
         if self.inputs.len() > 1 && !self.json {
@@ -86,7 +91,7 @@ impl Arguments {
         }
         for asked in &operations {
             let before = editor.model().bounds();
-            let step = self.apply((asked, mode), &mut editor, (console, global))?.clone();
+            let step = self.apply((asked, mode, origin), &mut editor, (console, global))?.clone();
             if !self.json {
                 tell(console, &step, editor.model())?;
             }
@@ -124,7 +129,7 @@ impl Arguments {
 
     fn apply<'e>(
         &self,
-        (asked, mode): (&Asked, RenderMode),
+        (asked, mode, origin): (&Asked, RenderMode, [f64; 3]),
         editor: &'e mut Editor,
         (console, global): (&Console, &Global),
     ) -> Result<&'e Step, Error> {
@@ -132,10 +137,11 @@ impl Arguments {
             Operation::Edit(edit) => edit.clone(),
             Operation::Views { scene, outside } => {
                 let least = self.least_views as usize;
-                operations::of_views(&open_scene(scene, &OpenOptions::default(), console)?, least, *outside)?
+                let scene = open_scene(scene, &OpenOptions::default(), console)?;
+                operations::of_views(&scene, shift_to(editor.model(), origin, &scene), least, *outside)?
             }
             Operation::Matrix(path) => operations::of_matrix(path)?,
-            Operation::Floaters => return self.without_floaters((asked, mode), editor, (console, global)),
+            Operation::Floaters => return self.without_floaters((asked, mode, origin), editor, (console, global)),
         };
         Ok(editor.apply(&edit, &asked.name, &asked.why)?)
     }
@@ -143,7 +149,7 @@ impl Arguments {
     /// Removes floaters, by photos or by pictures of the model.
     fn without_floaters<'e>(
         &self,
-        (asked, mode): (&Asked, RenderMode),
+        (asked, mode, origin): (&Asked, RenderMode, [f64; 3]),
         editor: &'e mut Editor,
         (console, global): (&Console, &Global),
     ) -> Result<&'e Step, Error> {
@@ -163,7 +169,7 @@ impl Arguments {
                     background: None,
                     effects: Overrides::default(),
                 };
-                floaters::by_photos(&session, model, &selection, style)?
+                floaters::by_photos(&session, (model, origin), &selection, style)?
             }
             None => floaters::by_own_pictures(&session, model, &VirtualCameras::default(), style)?,
         };
