@@ -262,7 +262,9 @@ impl Arguments {
         let frame = walk::Frame { size: look.size, asked: self.size.is_some(), fov: look.fov, up };
         let (mut keys, every) = walk::read(path, &frame)?;
         let from = origin_of_cameras(camera::mean_centre(keys.iter()), origin);
-        keys.iter_mut().for_each(|key| key.translation += key.rotation * from);
+        for key in &mut keys {
+            key.translation += key.rotation * from;
+        }
         Ok(if every && self.frames.is_none() { keys } else { walk::walk(&keys, count) })
     }
 

@@ -109,22 +109,14 @@ fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
             here(&dense, &OpenOptions::default())
                 .or_else(|| within(&dense).into_iter().find(|dense| place.is_undistorted_in(&dense.root)))
         };
-        return Some(match if elsewhere { undistorted() } else { None } {
-            Some(dense) => {
-                let note =
-                    format!("the undistorted photos of {} and their cameras are used", name_in(folder, &dense.root));
-                Place { note: Some(note), ..dense }
-            }
-            None => {
-                let other = folder.join("transforms.json");
-                let also = || {
-                    let name = name_in(folder, if let Poses::Colmap(model) = &place.poses { model } else { folder });
-                    format!("poses are those of {name}, not those of transforms.json")
-                };
-                let notes: Vec<String> = place.note.clone().into_iter().chain(other.is_file().then(also)).collect();
-                Place { note: (!notes.is_empty()).then(|| notes.join("; ")), ..place }
-            }
-        });
+        if let Some(dense) = if elsewhere { undistorted() } else { None } {
+            let note = format!("the undistorted photos of {} and their cameras are used", name_in(folder, &dense.root));
+            return Some(Place { note: Some(note), ..dense });
+        }
+        let other = folder.join("transforms.json").is_file();
+        let also = other.then(|| "the poses in sparse are used, not those in transforms.json".to_owned());
+        let notes: Vec<String> = place.note.iter().cloned().chain(also).collect();
+        return Some(Place { note: (!notes.is_empty()).then(|| notes.join("; ")), ..place });
     }
     let named = ["transforms.json", "transforms_train.json"].map(|name| folder.join(name));
     if let Some(file) = named.into_iter().find(|file| file.is_file()) {

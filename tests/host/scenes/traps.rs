@@ -4,7 +4,10 @@ use std::fs;
 use std::path::Path;
 
 use super::dialects::{notes, open};
+use crate::support::files::make;
 use crate::support::files::writers::{picture, row, transforms, write, written};
+use qirf_vk::glam::DVec3;
+use qirf_vk::pipeline::place;
 use qirf_vk::scene::lens::{Lens, LensModel};
 use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, Scene};
 
@@ -154,7 +157,8 @@ fn points_have_the_colours_of_their_file_whatever_they_are_called() {
         ("float rgba", "9.258799e-40"),
     ] {
         let words: Vec<&str> = properties.split(' ').collect();
-        let header: String = words.chunks(2).map(|p| format!("property {} {}\n", p[0], p[1])).collect();
+        let header: Vec<String> = words.chunks(2).map(|p| format!("property {} {}\n", p[0], p[1])).collect();
+        let header = header.concat();
         let scene = capture(json(&format!(r#"{TOP}, "ply_file_path": "p.ply""#)));
         write(scene.path(), [("p.ply", format!("{CLOUD}{header}end_header\n1 2 3 {values}\n").into_bytes())]);
         assert_eq!(open(scene.path()).points[0].colour, [10, 20, 250], "{properties}");
@@ -177,7 +181,7 @@ fn of_several_places_with_poses_the_one_used_is_told() {
     );
     assert_eq!(notes(&open(scene.path())), "");
     write(sparse.path(), [("transforms.json", transforms(TOP, &all))]);
-    assert!(notes(&open(sparse.path())).contains("poses are those of sparse, not those of transforms.json"));
+    assert!(notes(&open(sparse.path())).contains("the poses in sparse are used, not those in transforms.json"));
 }
 
 #[test]
@@ -202,4 +206,27 @@ fn depth_maps_have_the_step_that_the_file_says() {
         let scene = open(capture(json(&format!("{TOP}{field}"))).path());
         assert!(scene.views.iter().all(|view| view.depth_step == step), "{field}");
     }
+}
+
+/// A model with a local origin of its own is moved to the scene's, and cameras given in the world to the model's.
+#[test]
+fn models_scenes_and_cameras_of_one_far_world_meet() {
+    let world = DVec3::new(500_000.0, 4_000_000.0, 100.0);
+    let mut model = row(&["a.png", "b.png"]);
+    for (.., translation, _, _, _) in &mut model.images {
+        *translation = (DVec3::from(*translation) - world).to_array();
+    }
+    model.points[0].0 = (DVec3::from(model.points[0].0) + world).to_array();
+    let folder = tempfile::tempdir().unwrap();
+    write(&folder.path().join("sparse/0"), model.text());
+    let scene = open(folder.path());
+    assert!(scene.origin.distance(world) < 10.0 && scene.origin != DVec3::ZERO, "{}", scene.origin);
+    let mut splats = make::model(20, 0);
+    let own = world + DVec3::new(3.0, -2.0, 1.0);
+    assert_eq!(place::shift_to(&splats, own.to_array(), &scene), own - scene.origin);
+    assert_eq!(place::shift_to(&splats, [0.0; 3], &scene), DVec3::ZERO, "without a record, near zero");
+    splats.shift(world);
+    assert_eq!(place::shift_to(&splats, [0.0; 3], &scene), -scene.origin, "without a record, in the world");
+    assert_eq!(place::origin_of_cameras(world + 5.0, own.to_array()), own);
+    assert_eq!(place::origin_of_cameras(DVec3::splat(5.0), own.to_array()), DVec3::ZERO);
 }

@@ -36,7 +36,9 @@ pub(super) fn gaussians(vertex: &Table, origin: &mut [f64; 3]) -> Result<Gaussia
         (None, [Some(red), Some(green), Some(blue)]) => {
             let mut shown = gather(vertex, &[red, green, blue], Slot::float);
             let white = red.white(shown.iter().copied().fold(0.0, f32::max));
-            shown.iter_mut().for_each(|c| *c = sh0_of_colour(*c / white));
+            for c in &mut shown {
+                *c = sh0_of_colour(*c / white);
+            }
             vec![shown]
         }
         _ => vec![gather(vertex, &slots(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"])?, Slot::float)],
