@@ -25,15 +25,15 @@ pub fn place_in(model: &mut Gaussians, from: &mut [f64; 3], scene: &Scene) {
     }
 }
 
-/// What to add to the means of a model, which count from `from`, so that they count from where the coordinates of a scene do.
+/// The shift that takes the means of a model, whose local origin is `from`, to a scene's coordinates.
 pub fn shift_to(model: &Gaussians, from: [f64; 3], scene: &Scene) -> DVec3 {
     let (own, mean) = (DVec3::from(from), mean(model));
     let in_world = own != DVec3::ZERO || mean.distance(scene.origin) < mean.length();
     if in_world { own - scene.origin } else { DVec3::ZERO }
 }
 
-/// What to subtract from cameras around `centre` to see a model whose means count from `origin`: that, if they are given in the
-/// world's coordinates; zero, if they lie round the model as it is.
+/// The local origin to subtract from cameras around `centre` that look at a model with this local origin: zero if the cameras are
+/// nearer to the model's own coordinates than to the world's.
 pub fn origin_of_cameras(centre: DVec3, origin: [f64; 3]) -> DVec3 {
     let origin = DVec3::from(origin);
     if centre.distance(origin) < centre.length() { origin } else { DVec3::ZERO }

@@ -149,14 +149,14 @@ impl Scene {
         skipped
     }
 
-    /// A sentence if the scene has too few points to begin training from.
+    /// A note if the scene has too few points to start training from.
     pub fn lacks_points(&self) -> Option<String> {
         let said = match self.points.len() {
             0 => "no points".to_owned(),
             few @ 1..FEWEST_POINTS => format!("only {}", counted(few, "point")),
             _ => return None,
         };
-        Some(format!("{said}: training begins at random ones"))
+        Some(format!("{said}: training starts from random ones"))
     }
 
     /// Drops and counts the views whose photo is absent or differs in shape from its camera.

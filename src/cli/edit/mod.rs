@@ -82,7 +82,9 @@ impl Arguments {
         let origin = same_origin(&mut models);
         if origin != [0.0; 3] {
             let [x, y, z] = origin;
-            console.note(format_args!("coordinates, those of operations too, count from {x},{y},{z}"));
+            console.note(format_args!(
+                "coordinates, including those of operations, are relative to the local origin {x},{y},{z}"
+            ));
         }
         let (model, mode) = merge(models, self.rendering.mode())?;
         let mut editor = Editor::new(model, self.json);

@@ -1,4 +1,4 @@
-//! georeference.json: where the means of the models beside it count from in the world, for formats that cannot say it.
+//! georeference.json: the local origins of the models beside it, for formats without a field for it.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -36,13 +36,13 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Where the means of the model at `path` count from, as the file beside it says: the world's origin, unless it names the model.
+/// The local origin of the model at `path` as the file beside it lists it; zero if it does not.
 pub(super) fn origin(path: &Path) -> [f64; 3] {
     let found = Georeference::beside(path).and_then(|found| found.models.get(&name(path)).copied());
     found.filter(|origin| origin.iter().all(|v| v.is_finite())).unwrap_or_default()
 }
 
-/// Writes beside a model where its means count from in the world, which only needs saying if that is not the world's origin.
+/// Writes the local origin of a model to the file beside it; a model without one is removed from there.
 pub fn georeference(path: &Path, origin: [f64; 3]) -> Result<(), Error> {
     let mut all = Georeference::beside(path).unwrap_or_default();
     if origin != [0.0; 3] {

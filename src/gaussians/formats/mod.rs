@@ -255,7 +255,7 @@ pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(),
     write_at(path, gaussians, mode, [0.0; 3])
 }
 
-/// As [`write()`] for means that count from a place in the world: PLY keeps it in a comment, glTF and USD move the model there, and
+/// As [`write()`], with the local origin of the means: PLY stores it in a comment, glTF and USD as a translation, and
 /// [`georeference`] writes it beside every file.
 pub fn write_at(path: &Path, gaussians: &Gaussians, mode: RenderMode, origin: [f64; 3]) -> Result<(), Error> {
     write_atomically(path, body(path, gaussians, (mode, origin), None)?)?;

@@ -95,7 +95,8 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     } else {
         (DepthWitness::Points, Some(middle(&mut off)))
     };
-    let notes = notes(scene, &found, &known, (usable, points.len()));
+    let unseen = by == DepthWitness::Maps && deviation.is_none() && usable > 1;
+    let notes = notes(scene, &found, &known, (usable, points.len(), unseen));
     if let (DepthWitness::Maps, Some(apart)) = (by, deviation.filter(|deviation| *deviation > APART)) {
         let notes = vec![format!(
             "depth maps show the same places at depths {:.0} % apart in the median, and no points tell their scale (inverse depths? \
@@ -110,7 +111,12 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
 }
 
 /// Notes for the user: unused maps with reasons, and the number of points from the others.
-fn notes(scene: &Scene, found: &[Found], known: &[[f64; 2]], (usable, points): (usize, usize)) -> Vec<String> {
+fn notes(
+    scene: &Scene,
+    found: &[Found],
+    known: &[[f64; 2]],
+    (usable, points, unseen): (usize, usize, bool),
+) -> Vec<String> {
     let unread = |f: &Found| {
         let what = f.map.as_ref().err()?;
         Some(format!("depth map of {} {what}; not used", scene.views[f.views[0]].photo_name()))
@@ -123,6 +129,7 @@ fn notes(scene: &Scene, found: &[Found], known: &[[f64; 2]], (usable, points): (
     }
     let scales = match (known.first(), known.last()) {
         (Some([low, _]), Some([high, _])) => format!(", scales {low:.3} to {high:.3} by the capture's points"),
+        _ if unseen => ", in world units, which no other photo's map confirms".to_owned(),
         _ => ", in world units".to_owned(),
     };
     notes.push(format!("{} from {}{scales}", counted(points, "point"), counted(usable, "depth map")));

@@ -3,7 +3,7 @@
 //! A splat is a point of a primitive of mode 0: `POSITION`, and, with the extension's name as prefix, `ROTATION` (x, y,
 //! z, w, unit), `SCALE` (linear), `OPACITY` (0 to 1) and `SH_DEGREE_l_COEF_k` (red, green, blue; k = m + l; the constants
 //! and signs of 3DGS). Axes are left-up-front, ours turned by 180 degrees about z. The extension knows neither dilation nor
-//! anti-aliasing: the tag lies in the primitive's `extras`. Where means count from is the node's translation. Facts: github.com/KhronosGroup/glTF at 77b44be7.
+//! anti-aliasing: the tag lies in the primitive's `extras`. The local origin of means is the node's translation. Facts: github.com/KhronosGroup/glTF at 77b44be7.
 
 mod accessor;
 mod container;

@@ -66,7 +66,7 @@ fn local(node: &Node) -> DAffine3 {
 }
 
 impl Placed {
-    /// Moves Gaussians to their place; `origin` is where all count from.
+    /// Moves Gaussians to their place; `origin` is the local origin of all.
     pub(super) fn apply(&self, model: &mut Gaussians, origin: &mut Option<DVec3>) -> Result<(), Fault> {
         if !place(model, &self.map, origin) {
             return Err(Fault::Unsupported(format!(

@@ -114,7 +114,7 @@ fn attributes(degree: usize) -> Vec<Attribute> {
     all
 }
 
-/// The JSON chunk; `place` is where the means count from.
+/// The JSON chunk; `place` is the local origin of the means.
 fn document(model: &Gaussians, (mode, place): (RenderMode, [f64; 3]), attributes: &[Attribute]) -> Value {
     let n = model.len();
     let mut document = json!({

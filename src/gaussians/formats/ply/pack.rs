@@ -20,7 +20,7 @@ struct Range {
     high: [f32; 9],
 }
 
-/// Writes a whole file; the order of the Gaussians is not kept. `origin` is where the means count from.
+/// Writes a whole file; the order of the Gaussians is not kept. `origin` is the local origin of the means.
 pub(in super::super) fn write(
     out: &mut dyn Write,
     model: &Gaussians,

@@ -9,7 +9,7 @@ use super::{PRIM, TAG};
 /// Standard deviations of a Gaussian within its prim's extent.
 const REACH: f32 = 3.0;
 
-/// Writes a whole layer; floats keep their bits. The prim is moved to where the means count from.
+/// Writes a whole layer; floats keep their bits. The local origin of the means is the translation of the prim.
 pub(in super::super) fn write(
     out: &mut dyn Write,
     model: &Gaussians,
