@@ -108,7 +108,9 @@ impl Arguments {
         }
         console.print(format_args!("{} ({})", device.info().name, device.info().driver))?;
         if !device.info().has(Feature::KernelStatistics) {
-            console.print("its driver tells nothing of compiled kernels (VK_KHR_pipeline_executable_properties)")?;
+            console.print(
+                "its driver reports no statistics of compiled kernels (VK_KHR_pipeline_executable_properties)",
+            )?;
         }
         console.print(table(&compiled))
     }

@@ -74,7 +74,7 @@ impl Recorder {
         // As `view` will read it.
         diagnostics.write(&self.file, &formats::read(model)?.gaussians)?;
         let (model, file) = (model.display(), self.file.display());
-        console.note(format_args!("the prune can be seen with: qirf-vk view {model} --diagnostics {file}"));
+        console.note(format_args!("to see the prune: qirf-vk view {model} --diagnostics {file}"));
         Ok(())
     }
 }

@@ -121,8 +121,7 @@ impl Arguments {
         if model.1 != original.1 {
             let (a, b) = (model.1.mode(), original.1.mode());
             console.warn(format_args!(
-                "by their files, this model is {a} and the original {b}, and so they are drawn; --antialias=on or --antialias=off \
-                 draws both alike"
+                "by their files, this model is {a} and the original {b}, and they are drawn so; --antialias=on or --antialias=off draws both alike"
             ));
         }
         let networks = Networks::find(self.lpips_weights.as_deref())?;

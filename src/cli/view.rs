@@ -94,7 +94,7 @@ impl Address {
     pub fn warn(&self, console: &Console) {
         if !self.host.is_loopback() {
             console.warn(format_args!(
-                "other machines can reach {}: whoever has the printed address sees the pictures; the connection is not encrypted",
+                "other machines can reach {}: anyone with the printed address can see the pictures; the connection is not encrypted",
                 self.host
             ));
         }

@@ -22,7 +22,7 @@ impl Descriptors {
         match (chosen, info.has(Feature::PushDescriptors)) {
             (Some(Self::Push), false) => Err(Error::MissingFeature {
                 device: info.name.clone(),
-                feature: "VK_KHR_push_descriptor, which was asked for".to_owned(),
+                feature: "VK_KHR_push_descriptor, which was requested".to_owned(),
             }),
             (Some(chosen), _) => Ok(chosen),
             (None, true) => Ok(Self::Push),

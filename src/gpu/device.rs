@@ -121,10 +121,10 @@ impl Device {
             return Err(Error::Driver {
                 device: self.info().name.clone(),
                 driver: self.info().driver.clone(),
-                what: format!("its subgroups have {width} invocations, not the {told} that it tells"),
+                what: format!("its subgroups have {width} invocations, not the {told} that it reports"),
             });
         };
-        tracing::warn!("{}: subgroups have {width} invocations, not the {told} that its driver tells", info.name);
+        tracing::warn!("{}: subgroups have {width} invocations, not the {told} that its driver reports", info.name);
         (info.subgroup_size, info.subgroup_range) = (width, [width; 2]);
         self.tuning = Arc::new(choice.on(info)?);
         Ok(self)

@@ -35,7 +35,7 @@ impl Instance {
         };
         let has_layer = layers.iter().any(|l| l.layer_name_as_c_str() == Ok(VALIDATION));
         if validation && !has_layer {
-            tracing::warn!("validation was asked for, but its layer is not installed (vulkan-validationlayers)");
+            tracing::warn!("validation was requested, but its layer is not installed (vulkan-validationlayers)");
         }
         let validation = validation && has_layer;
         let offered = |name| extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(name));

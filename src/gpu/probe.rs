@@ -57,7 +57,7 @@ fn width(seen: &[[u32; 4]]) -> Result<u32, String> {
             return Ok(());
         }
         Err(format!(
-            "its subgroups are not what they should be: invocation {at} of {} has {name} {told} instead of {expected}",
+            "its subgroups are wrong: invocation {at} of {} has {name} {told} instead of {expected}",
             seen.len()
         ))
     };

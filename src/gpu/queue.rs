@@ -85,8 +85,8 @@ impl Queue {
             waits = waits.saturating_add(1);
             if waits.is_power_of_two() {
                 tracing::warn!(
-                    "the device has been at one piece of work for {:?}: it is slow, or it hangs. Where its driver notices a \
-                     hang, this program ends and says so; Ctrl-C, twice if need be, ends it now",
+                    "the device has been busy with one submission for {:?}: it is slow, or it hangs. If its driver \
+                     detects a hang, this program ends with an error; Ctrl-C, twice if necessary, ends it now",
                     patience.saturating_mul(waits)
                 );
             }

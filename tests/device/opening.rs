@@ -94,7 +94,7 @@ fn the_width_of_subgroups_is_probed() {
     for subgroup in [width / 2, width * 2].into_iter().filter(|width| *width >= 4) {
         let error =
             Device::open(&claiming(subgroup, true)).err().expect("a driver that is asked for a size and gives another");
-        let what = format!("its subgroups have {width} invocations, not the {subgroup} that it tells");
+        let what = format!("its subgroups have {width} invocations, not the {subgroup} that it reports");
         assert!(error.to_string().contains(&what), "{error}");
     }
     // If no size can be requested, the measured width is used.

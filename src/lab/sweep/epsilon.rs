@@ -91,13 +91,12 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Regularisation>]) -> Result<
     })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
     axis.notes.push(format!(
-        "The paper's selector keeps {KEPT} of every block. Times differ by the machine's noise alone, since the arithmetic is the same \
-         whatever is added: what a larger epsilon buys is a metric that is better conditioned (the plot's abscissa; the median of \
-         up to {CONDITIONED} blocks), which float32 solvers need. Rungs t=... widen every Gaussian by so many median scales: another metric, which sees \
+        "The paper's selector keeps {KEPT} of every block. Times differ only by the machine's noise, since the arithmetic does not \
+         depend on epsilon: a larger epsilon gives a better conditioned metric (the plot's abscissa; the median of up to {CONDITIONED} blocks), which float32 solvers need. Rungs t=... widen every Gaussian by that many median scales: another metric, which sees \
          redundancy that the eye sees, not a worse approximation of this one."
     ));
     Ok(axis.judged([
-        "the arithmetic is the same whatever is added to the metric.",
-        "overlaps are too sparse for what is added to change an order.",
+        "the arithmetic does not depend on epsilon.",
+        "overlaps are too sparse for epsilon to change an order.",
     ]))
 }

@@ -170,7 +170,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>]) -> Result<AxisRecord
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
     tell(&mut axis, supported);
     Ok(axis.judged([
-        "adding up is a small part of an iteration, in whatever order.",
+        "summation is a small part of an iteration, in any order.",
         "threads came in the same order every time.",
     ]))
 }
@@ -187,7 +187,7 @@ fn tell(axis: &mut AxisRecord, supported: bool) {
         let of = |key: &str| other.figures.get(key).copied().unwrap_or(f64::NAN);
         let over = 100.0 * (a.median / b.median - 1.0);
         let cost = match over {
-            _ if a.overlaps(&b) => format!("cost nothing that could be told from noise against {}", other.name),
+            _ if a.overlaps(&b) => format!("cost nothing measurable compared with {}", other.name),
             o if o > 0.0 => format!("make an iteration {o:.0} % longer than {} would", other.name),
             o => {
                 format!("cost nothing: {} would make an iteration {:.0} % longer", other.name, -100.0 * o / (100.0 + o))

@@ -81,7 +81,7 @@ fn of_arms(axis: Axis, rungs: &[(&str, String)], compared: &CompareRecord) -> Ax
         axis.rungs.extend(compared.arms.iter().find(|a| a.name == *arm).map(|found| of_arm(axis.axis, name, found)));
     }
     axis.notes.push(format!(
-        "All rungs go on from one checkpoint, {} Gaussians after iteration {} of {}, with the same seed and loss. Frame rates \
+        "All rungs continue from one checkpoint, {} Gaussians after iteration {} of {}, with the same seed and loss. Frame rates \
          are taken in turn; training is not repeated.",
         compared.gaussians, compared.prune_point, compared.iterations
     ));
@@ -89,7 +89,7 @@ fn of_arms(axis: Axis, rungs: &[(&str, String)], compared: &CompareRecord) -> Ax
         axis.notes.push("No view is held out, so quality was not measured.".to_owned());
     }
     axis.judged([
-        "these rungs differ in what they keep, not in what they do.",
+        "these rungs differ in the kept Gaussians, not in the amount of work.",
         "the held-out views cannot tell these rungs apart.",
     ])
 }
@@ -191,7 +191,7 @@ pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]
         axis.rungs.push(of_run(Axis::Effects, &name, &results, per_iteration(&results)));
     }
     axis.notes.push(format!(
-        "Each rung is a run of {} iterations with one effect the other way than `default` has it, trained once.",
+        "Each rung is a run of {} iterations with one effect switched differently from `default`, trained once.",
         base.schedule.iterations
     ));
     Ok(axis.judged([

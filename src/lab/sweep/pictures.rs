@@ -122,7 +122,7 @@ pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRec
     let on_crops = compare(context, &ways, &truth, &crops)?;
     let mut axis = AxisRecord::new(
         Axis::Culling,
-        "Tiles that a Gaussian is listed in",
+        "Tiles that list a Gaussian",
         ["largest error of a pixel (of 1)", "every Gaussian in every tile", "ms a frame"],
     );
     let mut full: Vec<(Renderer, f64)> = Vec::new();

@@ -127,14 +127,14 @@ impl Lens {
     pub(crate) fn checked(self) -> Result<Self, String> {
         let pixels = u64::from(self.width) * u64::from(self.height);
         if pixels == 0 || pixels > 1 << 30 {
-            return Err(format!("image size {} x {} is not one that a photo has", self.width, self.height));
+            return Err(format!("image size {} x {} is not a valid photo size", self.width, self.height));
         }
         let largest = 1e6 * f64::from(self.width.max(self.height));
         if !self.focal.is_finite() || self.focal.min_element() <= 1e-3 || self.focal.max_element() >= largest {
-            return Err(format!("focal lengths {}, {} px are not ones that a lens has", self.focal.x, self.focal.y));
+            return Err(format!("focal lengths {}, {} px are not valid", self.focal.x, self.focal.y));
         }
         if !self.principal.is_finite() || self.principal.abs().max_element() >= largest {
-            return Err(format!("principal point {}, {} px lies out of reach", self.principal.x, self.principal.y));
+            return Err(format!("principal point {}, {} px is out of range", self.principal.x, self.principal.y));
         }
         let d = &self.distortion;
         let curve = d.curve.parameters();

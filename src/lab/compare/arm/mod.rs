@@ -86,13 +86,13 @@ const NAMED: [Named; 9] = [
     },
     Named {
         name: "compact3dgs",
-        about: "trained from the beginning with learnt masks, which are a threshold's",
+        about: "trained from the beginning with learnt masks, by a threshold",
         base: Base::NotPruned(|keep| Grown::Masked(MaskMethod::Compact3dgs, keep)),
         takes: &[Suffix::Share],
     },
     Named {
         name: "maskgaussian",
-        about: "the same, with masks that are drawn at random",
+        about: "the same, with randomly drawn masks",
         base: Base::NotPruned(|keep| Grown::Masked(MaskMethod::MaskGaussian, keep)),
         takes: &[Suffix::Share],
     },
