@@ -8,11 +8,11 @@ use std::path::Path;
 
 /// Arms of the table in README.md, with their headings there; those that no comparison has are left out.
 const SHOWN: [(&str, &str); 5] = [
-    ("dense+thresholds", "not pruned, grown as by 3DGS"),
-    ("dense", "not pruned, grown to a plan"),
-    ("grown", "grown to the kept number"),
-    ("importance", "grown to a plan, pruned at once"),
-    ("default", "grown to a plan, pruned by attrition (default)"),
+    ("dense+thresholds", "not pruned, growth of 3DGS"),
+    ("dense", "not pruned"),
+    ("grown", "not pruned, growth to the kept number"),
+    ("importance", "pruned in one cut"),
+    ("default", "pruned by attrition (default)"),
 ];
 
 /// The comparison of one scene.

@@ -167,7 +167,7 @@ fn a_hang_is_told_and_can_be_ended() {
     std::thread::sleep(Duration::from_millis(300));
     child.signal("TERM").with(130, &[]);
     assert!(!says().contains("validation:") && !says().contains("panicked"), "{}", says());
-    assert!(says().contains("a hang, this program ends and says so"), "{}", says());
+    assert!(says().contains("a hang, this program ends with an error"), "{}", says());
     whole(&out);
     assert!(out.join("checkpoint.safetensors").exists());
     works(&mut run(&out, &["--resume"]));
