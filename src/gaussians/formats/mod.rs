@@ -256,7 +256,7 @@ pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(),
 }
 
 /// As [`write()`], with the local origin of the means: PLY stores it in a comment, glTF and USD as a translation, and
-/// [`georeference`] writes it beside every file.
+/// [`georeference()`] writes it beside every file.
 pub fn write_at(path: &Path, gaussians: &Gaussians, mode: RenderMode, origin: [f64; 3]) -> Result<(), Error> {
     write_atomically(path, body(path, gaussians, (mode, origin), None)?)?;
     georeference(path, origin)
