@@ -46,14 +46,14 @@ pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start
         Start::Points(n) | Start::Random(n) => (*n).min(config.max_gaussians),
         Start::Resumed(checkpoint) => checkpoint.notes.initial,
     };
-    let pixels = opened.train_pixels().iter().sum();
-    let planned = schedule.growth.and_then(|plan| plan.for_photos(pixels, schedule.iterations).gaussians);
+    let pixels = opened.train_pixels();
+    let planned = schedule.growth.and_then(|plan| plan.for_photos(&pixels, schedule.iterations).gaussians);
     let most_grown = planned.map_or(first.saturating_mul(GROWTH), |n| n.max(first));
     let grown = if grows { most_grown.min(config.max_gaussians) } else { first };
     let size = opened.size();
     let fixed = TrainerNeeds {
         size,
-        photos: opened.train_pixels().iter().map(|pixels| 4 * pixels).collect(),
+        photos: pixels.iter().map(|pixels| 4 * pixels).collect(),
         degree: config.sh_degree.max(start.degree()),
         // Which effects the scene calls for is not known yet.
         exposure: config.effects.allow(Effect::Exposure),

@@ -3,12 +3,15 @@
 
 use super::schedule::Schedule;
 use super::selection;
+use crate::effects::geometry::{LOOKS, looks};
 use crate::random;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 
 /// Least number of iterations between density steps: gradients need some views.
 const LEAST_EVERY: u32 = 20;
+/// Iterations that count in any run, however few its photos.
+const LEAST_TAUGHT: f64 = 1000.0;
 
 /// Growth to a planned number, as written to `config.toml`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,16 +36,19 @@ impl Default for Growth {
 }
 
 impl Growth {
-    /// The number for a run of `iterations` on photos with `pixels` pixels in all: the geometric mean of the two. Both
-    /// limit what can be learnt: a picture holds no more detail than it has pixels, and each Gaussian needs its steps.
-    /// docs/decisions.md (50) has the figures.
-    pub fn by_photos(pixels: u64, iterations: u32) -> usize {
-        (pixels as f64 * f64::from(iterations)).sqrt() as usize
+    /// The number for a run of `iterations` on photos with these numbers of pixels: the geometric mean of all pixels and of
+    /// the iterations. Both limit what can be learnt: a picture holds no more detail than it has pixels, and each Gaussian
+    /// needs its steps. Steps on few photos teach no more from [`looks`] of [`LOOKS`] on, and do not count.
+    /// docs/decisions.md (50, 146) has the figures.
+    pub fn by_photos(pixels: &[u64], iterations: u32) -> usize {
+        let all: u64 = pixels.iter().sum();
+        let taught = (f64::from(iterations) * (LOOKS / looks(iterations, pixels.len())).min(1.0)).max(LEAST_TAUGHT);
+        (all as f64 * taught.min(f64::from(iterations))).sqrt() as usize
     }
 
-    /// The same plan with its number, derived from the photos if it has none.
+    /// The same plan with its number, derived from the photos' numbers of pixels if it has none.
     #[must_use]
-    pub fn for_photos(self, pixels: u64, iterations: u32) -> Self {
+    pub fn for_photos(self, pixels: &[u64], iterations: u32) -> Self {
         Self { gaussians: self.gaussians.or_else(|| Some(Self::by_photos(pixels, iterations))), ..self }
     }
 
@@ -134,6 +140,16 @@ mod tests {
         let s = schedule(30_000, PLAN);
         let quarter = 500 + (15_000 - 500) / 4 - 100;
         assert_eq!(PLAN.planned(&s, quarter), 5000);
+    }
+
+    /// Iterations count up to 4.5 times the square of the number of photos, and up to 1,000 in any run.
+    #[test]
+    fn few_photos_teach_no_more_in_longer_runs() {
+        let number = |photos: usize, iterations: u32| Growth::by_photos(&vec![10_000; photos], iterations);
+        assert_eq!([1000, 1800, 7000, 30_000].map(|i| number(20, i)), [14_142, 18_973, 18_973, 18_973]);
+        assert_eq!([7000, 30_000].map(|i| number(100, i)), [83_666, 173_205]);
+        assert_eq!([60, 1000, 30_000].map(|i| number(1, i)), [774, 3162, 3162]);
+        assert_eq!(number(0, 1000), 0);
     }
 
     #[test]

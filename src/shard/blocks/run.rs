@@ -89,9 +89,8 @@ impl BlockRun {
             *path = absolute(path)?;
         }
         let opened = open(&config.selection())?.with_depths(session.watcher);
-        let pixels = opened.train_pixels().iter().sum();
-        let initial =
-            Start::of(&config, opened.scene.points.len(), opened.train_pixels().into_iter().max().unwrap_or(0))?.len();
+        let pixels = opened.train_pixels();
+        let initial = Start::of(&config, opened.scene.points.len(), pixels.iter().copied().max().unwrap_or(0))?.len();
         let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
         let (decisions, _) = effects::decide(&prepared, &config)?;
         session.watcher.note(&effects::summary(&decisions));
@@ -104,7 +103,7 @@ impl BlockRun {
             }
         }
         let schedule = &mut config.schedule;
-        schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
+        schedule.growth = schedule.growth.map(|plan| plan.for_photos(&pixels, schedule.iterations));
         let photos = prepared.names_to_train();
         let held_out = prepared.test.iter().map(|(name, _)| name.clone()).collect();
         let blocks = match blocks {

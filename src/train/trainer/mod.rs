@@ -108,9 +108,9 @@ impl Trainer {
         if photos.is_empty() {
             return Err(Error::NoViews);
         }
-        let pixels = photos.iter().map(|p| p.camera.pixels()).sum();
+        let pixels: Vec<u64> = photos.iter().map(|p| p.camera.pixels()).collect();
         let schedule = &mut options.schedule;
-        schedule.growth = schedule.growth.map(|plan| plan.for_photos(pixels, schedule.iterations));
+        schedule.growth = schedule.growth.map(|plan| plan.for_photos(&pixels, schedule.iterations));
         let size = camera::largest(photos.iter().map(|p| &p.camera));
         if training.arrays.is_empty() {
             for kind in options.method.as_ref().map(|method| method.arrays()).unwrap_or_default() {
