@@ -139,7 +139,10 @@ impl Arguments {
         }
         let output = Output::new(&self.output)?;
         let peer = Peer::find(&self.peer, output.folder());
-        let loaded = read_model(&self.model, console)?;
+        let mut loaded = read_model(&self.model, console)?;
+        if let Some((scene, images)) = self.options.scene() {
+            place(&mut loaded.gaussians, &mut loaded.origin, (scene, images))?;
+        }
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let style = self.options.rendering.style(&self.model, &loaded, None, console);

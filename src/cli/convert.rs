@@ -221,7 +221,7 @@ impl Arguments {
         let views = ViewSource::OwnPictures { cameras: VirtualCameras::default(), background: [0.0; 3] };
         let config = CompressConfig { views, style, ..CompressConfig::default() };
         let levels = levels(session, model, &config, count)?;
-        formats::write_levels(&self.output, &levels, loaded.mode).map_err(Error::writing)?;
+        formats::write_levels(&self.output, &levels, (loaded.mode, loaded.origin)).map_err(Error::writing)?;
         for (number, level) in levels.iter().enumerate().skip(1) {
             let scores = eval::against(session, [(level, style), (model, style)], [0.0; 3])?;
             let psnr = scores.mean().and_then(|mean| mean.psnr);

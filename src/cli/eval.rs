@@ -12,7 +12,7 @@ use crate::gaussians::formats::Loaded;
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::Error;
 use crate::pipeline::eval::{self, Evaluation};
-use crate::pipeline::place::place;
+use crate::pipeline::place::{align, place};
 use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::pipeline::{Output, RunConfig, Selection};
 use crate::render::Style;
@@ -112,12 +112,13 @@ impl Arguments {
     }
 
     fn run_against(&self, original: &Path, console: &Console, global: &Global) -> Result<(), Error> {
-        let read = |path: &Path| -> Result<(Gaussians, Style), Error> {
+        let read = |path: &Path| -> Result<(Gaussians, Style, [f64; 3]), Error> {
             let loaded = read_model(path, console)?;
             let style = self.rendering.style(path, &loaded, None, console);
-            Ok((loaded.gaussians, style))
+            Ok((loaded.gaussians, style, loaded.origin))
         };
-        let (model, original) = (read(&self.model)?, read(original)?);
+        let (mut model, original) = (read(&self.model)?, read(original)?);
+        align(&mut model.0, [model.2, original.2], &original.0);
         if model.1 != original.1 {
             let (a, b) = (model.1.mode(), original.1.mode());
             console.warn(format_args!(

@@ -12,6 +12,7 @@ use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::pipeline::Error;
+use crate::pipeline::place::place;
 use crate::pipeline::{Session, host_bytes};
 use crate::selftest;
 use crate::shard::blocks::BlockRun;
@@ -86,14 +87,17 @@ impl Planned {
 
 impl OfModel {
     fn job(&self, session: &Session<'_>, console: &Console) -> Result<Job, Error> {
-        let loaded = read_model(&self.model, console)?;
+        let mut loaded = read_model(&self.model, console)?;
+        if let Some((scene, images)) = self.options.scene() {
+            place(&mut loaded.gaussians, &mut loaded.origin, (scene, images))?;
+        }
         let style = self.options.rendering.style(&self.model, &loaded, None, console);
         if self.options.aim()?.is_some() {
             let what = "--size of a file and --psnr are for `qirf-vk compress`; a plan has --keep or --target-count";
             return Err(Error::Usage(what.to_owned()));
         }
         let config = self.options.configuration(style, 0)?;
-        let job = CompressPlan::plan(session, &self.model, &loaded.gaussians, config)?;
+        let job = CompressPlan::plan(session, &self.model, (&loaded.gaussians, loaded.origin), config)?;
         Ok(Job::Compression(Box::new(job)))
     }
 }

@@ -39,6 +39,16 @@ pub fn origin_of_cameras(centre: DVec3, origin: [f64; 3]) -> DVec3 {
     if centre.distance(origin) < centre.length() { origin } else { DVec3::ZERO }
 }
 
+/// Lets two models of one world, each with its local origin, lie as near to each other as their origins allow: a model without a record of
+/// its origin may have world coordinates or local ones.
+pub fn align(model: &mut Gaussians, [from, to]: [[f64; 3]; 2], original: &Gaussians) {
+    let shift = DVec3::from(from) - DVec3::from(to);
+    let apart = mean(original) - mean(model);
+    if apart.distance(shift) < apart.length() {
+        model.shift(shift);
+    }
+}
+
 /// Mean of the means, in world units.
 fn mean(model: &Gaussians) -> DVec3 {
     let means = &model.means;

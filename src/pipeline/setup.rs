@@ -57,7 +57,7 @@ impl<'a> Setup<'a> {
                 watcher.note(&note);
             }
             let pixels = opened.train_pixels().into_iter().max().unwrap_or(0);
-            Start::of(config, opened.scene.points.len(), pixels)
+            Start::of(config, &opened.scene, pixels)
         };
         let start = checkpoint.map_or_else(fresh, |checkpoint| Ok(Start::Resumed(Box::new(checkpoint))))?;
         let estimated_bytes = budget::for_run(session, config, &opened, &start)?;

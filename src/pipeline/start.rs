@@ -2,10 +2,11 @@
 
 use super::checkpoint::Checkpoint;
 use super::config::{Init, RunConfig};
+use super::place::place_in;
 use super::prepare::Prepared;
 use crate::gaussians::{Gaussians, formats};
 use crate::pipeline::Error;
-use crate::scene::{FEWEST_POINTS, SceneKind};
+use crate::scene::{FEWEST_POINTS, Scene, SceneKind};
 use crate::train::initialise::{self, Seed};
 
 /// Number of random points per pixel of a picture, and its bounds.
@@ -25,11 +26,16 @@ pub enum Start {
 }
 
 impl Start {
-    /// The initial state that the configuration selects for a scene with this number of points, which must not be few, and training pictures of at
-    /// most `pixels` pixels.
-    pub fn of(config: &RunConfig, points: usize, pixels: u64) -> Result<Self, Error> {
+    /// The initial state that the configuration selects for a scene and training pictures of at most `pixels` pixels. A model is moved to
+    /// the scene's coordinates; too few points are replaced by random ones.
+    pub fn of(config: &RunConfig, scene: &Scene, pixels: u64) -> Result<Self, Error> {
+        let points = scene.points.len();
         Ok(match &config.init {
-            Init::Model(path) => Self::Model(formats::read(path)?.gaussians),
+            Init::Model(path) => {
+                let mut loaded = formats::read(path)?;
+                place_in(&mut loaded.gaussians, &mut loaded.origin, scene);
+                Self::Model(loaded.gaussians)
+            }
             Init::Points if points >= FEWEST_POINTS => Self::Points(points),
             Init::Points | Init::Random => {
                 let count = (pixels as f64 * POINTS_PER_PIXEL) as usize;

@@ -9,6 +9,7 @@ use crate::pipeline::output::{absolute, bytes_on_disk, from_root};
 use crate::pipeline::records::{ModelFile, PruneRecord, StageScores, ViewStages};
 use crate::pipeline::session::Session;
 use crate::response::CHUNK;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -24,6 +25,8 @@ const REPORT: Task = Task::whole(Stage::Report);
 pub struct CompressPlan {
     /// The model.
     pub model: PathBuf,
+    /// Local origin of the compressed model.
+    pub origin: [f64; 3],
     /// CRC-32 of its bytes; 0 for a folder.
     pub model_crc32: u32,
     /// Its number of Gaussians.
@@ -47,11 +50,16 @@ struct Chosen {
 }
 
 impl CompressPlan {
-    /// Plans the compression of the model in `path`.
+    /// Plans the compression of the model in `path`, which was moved to this local origin.
     ///
     /// # Errors
     /// Errors of the compression itself; [`Error::Usage`] for fine-tuning; a model that cannot be read again.
-    pub fn plan(session: &Session<'_>, path: &Path, model: &Gaussians, config: CompressConfig) -> Result<Self, Error> {
+    pub fn plan(
+        session: &Session<'_>,
+        path: &Path,
+        (model, origin): (&Gaussians, [f64; 3]),
+        config: CompressConfig,
+    ) -> Result<Self, Error> {
         if config.fine_tune > 0 {
             return Err(Error::Usage("a divided compression has no fine-tuning".to_owned()));
         }
@@ -69,6 +77,7 @@ impl CompressPlan {
         Ok(Self {
             model_crc32: crc32_of_file(&path)?,
             model: path,
+            origin,
             gaussians: model.len(),
             config,
             chunks,
@@ -116,7 +125,7 @@ impl CompressPlan {
                 let parts = self.evidence().map(|part| Ok(files.part(part, self.gaussians)?.responses(self.gaussians)));
                 let model = self.model()?;
                 let (prune, model) = stages::choose(session, &model, (config, &self.photos[0]), parts)?.apply(model);
-                files.with_model(task, &model, config.style.mode(), Chosen { prune: prune.timeless() })
+                files.with_model(task, &model, (config.style.mode(), self.origin), Chosen { prune: prune.timeless() })
             }
             (Stage::Score, Some(n)) => {
                 let (compressed, _) = files.model::<Chosen>(CHOOSE)?;
@@ -140,7 +149,9 @@ impl CompressPlan {
             let what = "it has changed since the plan was made".to_owned();
             return Err(Error::Part { path: path.clone(), what, task: "plan".to_owned() });
         }
-        Ok(formats::read(path)?.gaussians)
+        let mut loaded = formats::read(path)?;
+        loaded.gaussians.shift(DVec3::from(loaded.origin) - DVec3::from(self.origin));
+        Ok(loaded.gaussians)
     }
 
     /// All figures, as printed by `qirf-vk compress --json`, without times and memory.

@@ -183,7 +183,7 @@ impl BlockRun {
                 let blocks = blocks.map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
                 let (model, starts) = joined(&blocks);
                 let collected = Collected { starts, gaussians: model.len() };
-                files.with_model(task, &model, self.config.style.mode(), collected)
+                files.with_model(task, &model, (self.config.style.mode(), self.origin), collected)
             }
             Stage::Evidence => {
                 let (model, _) = files.model::<Collected>(FIRST)?;
@@ -231,7 +231,7 @@ impl BlockRun {
             copies.add_to(&mut model, &of_block);
             notes.push(ended);
         }
-        files.with_model(task, &model, self.config.style.mode(), Joined { blocks: notes })
+        files.with_model(task, &model, (self.config.style.mode(), self.origin), Joined { blocks: notes })
     }
 
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
@@ -262,7 +262,7 @@ impl BlockRun {
         let (state, Ended { gaussians, prune, .. }) = (files.state(own)?, files.sealed(own)?);
         let settled = BlockState { copies: state.model.len() - gaussians, state, prune };
         let finished = self.finish(session, (&layout, b), (&met.meeting(), &blended, settled), &output)?;
-        files.with_model(task, &finished.state.model, self.config.style.mode(), Ended::of(&finished))
+        files.with_model(task, &finished.state.model, (self.config.style.mode(), self.origin), Ended::of(&finished))
     }
 
     /// All figures, as printed by `qirf-vk eval`, without times, memory and the frame rate; plus those of the blocks.

@@ -98,6 +98,16 @@ struct Parsed {
 /// # Errors
 /// [`Error::Io`], [`Error::Malformed`] or [`Error::Unsupported`], naming file, record and remedy.
 pub fn read(path: &Path) -> Result<Loaded, Error> {
+    let mut loaded = read_alone(path)?;
+    if loaded.origin == [0.0; 3] {
+        let levels = path.join(sog::LEVELS);
+        loaded.origin = georeference::origin(if levels.is_file() { &levels } else { path });
+    }
+    Ok(loaded)
+}
+
+/// As [`read`], without a georeference.json.
+fn read_alone(path: &Path) -> Result<Loaded, Error> {
     let io = |source| Error::Io { path: path.to_owned(), source };
     let is_folder = fs::metadata(path).map_err(io)?.is_dir();
     if is_folder && path.join(sog::LEVELS).is_file() || path.file_name().is_some_and(|name| name == sog::LEVELS) {
@@ -115,11 +125,7 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
         return sog::read_folder(folder).map(finish).map_err(|fault| fault.at(path));
     }
     let bytes = fs::read(path).map_err(io)?;
-    let mut loaded = read_with(&bytes, path, Some(path.parent().unwrap_or(Path::new(""))))?;
-    if loaded.origin == [0.0; 3] {
-        loaded.origin = georeference::origin(path);
-    }
-    Ok(loaded)
+    read_with(&bytes, path, Some(path.parent().unwrap_or(Path::new(""))))
 }
 
 /// Reads a model from a whole file's bytes; `name` appears in messages and gives the format if the content does not.
@@ -297,7 +303,7 @@ fn body<'a>(
 ///
 /// # Errors
 /// [`Error::Unsupported`] for what SOG cannot hold, [`Error::Inconsistent`], [`Error::Io`].
-pub fn write_levels(path: &Path, levels: &[Gaussians], mode: RenderMode) -> Result<(), Error> {
+pub fn write_levels(path: &Path, levels: &[Gaussians], (mode, origin): (RenderMode, [f64; 3])) -> Result<(), Error> {
     for level in levels {
         level.validate()?;
     }
@@ -309,7 +315,7 @@ pub fn write_levels(path: &Path, levels: &[Gaussians], mode: RenderMode) -> Resu
         fs::create_dir_all(parent).map_err(|source| Error::Io { path: parent.to_owned(), source })?;
         write_atomically(&file, |out| out.write_all(&content))?;
     }
-    Ok(())
+    georeference(path, origin)
 }
 
 /// True for the name of streamed SOG.

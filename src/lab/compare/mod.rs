@@ -124,7 +124,7 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     } else {
         let Prepared { scene, train, .. } = &setup.prepared;
         let pixels = train.iter().map(|p| p.camera.pixels()).max().unwrap_or(0);
-        Start::of(&config, scene.points.len(), pixels)?
+        Start::of(&config, scene, pixels)?
     };
     let mut run = ActiveRun::start(setup, &config, &output, start)?;
     run.train(fork.snapshot.iteration)?;

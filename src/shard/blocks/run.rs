@@ -57,6 +57,8 @@ pub struct BlockRun {
     pub image_size: [u32; 2],
     /// Parts of the scene that its readers left out.
     pub skipped: Skipped,
+    /// Local origin of the scene's coordinates.
+    pub origin: [f64; 3],
 }
 
 /// A block after a meeting.
@@ -90,7 +92,7 @@ impl BlockRun {
         }
         let opened = open(&config.selection())?.with_depths(session.watcher);
         let pixels = opened.train_pixels();
-        let initial = Start::of(&config, opened.scene.points.len(), pixels.iter().copied().max().unwrap_or(0))?.len();
+        let initial = Start::of(&config, &opened.scene, pixels.iter().copied().max().unwrap_or(0))?.len();
         let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
         let (decisions, _) = effects::decide(&prepared, &config)?;
         session.watcher.note(&effects::summary(&decisions));
@@ -111,7 +113,8 @@ impl BlockRun {
             None => budget::blocks(session.device, &config, &prepared, initial)?,
         };
         let image_size = camera::largest(prepared.views().map(|view| &view.camera));
-        Ok(Self { config, blocks, photos, held_out, image_size, skipped: prepared.scene.skipped })
+        let (origin, skipped) = (prepared.scene.origin.to_array(), prepared.scene.skipped);
+        Ok(Self { config, blocks, photos, held_out, image_size, skipped, origin })
     }
 
     /// Number of chunks of photos for responses; 0 without a prune.
@@ -128,7 +131,7 @@ impl BlockRun {
     /// `output`, if there is one.
     pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
         let opened = self.opened()?;
-        let points = self.config.init == Init::Points && !opened.scene.points.is_empty();
+        let points = self.config.init == Init::Points && opened.scene.lacks_points().is_none();
         let config = coarse(&self.config, divisor(opened.size()), points);
         let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;
         all_there(&setup.prepared.scene, &self.photos)?;

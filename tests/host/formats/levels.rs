@@ -34,16 +34,19 @@ fn counted(node: &Value, level: &str) -> u64 {
     }
 }
 
+const FAR: [f64; 3] = [500_000.0, 4e6, 0.0];
+
 #[test]
 fn the_finest_level_is_read_back_and_every_leaf_knows_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("lod-meta.json");
     let model = wide();
     let coarse = model.select(&(0..model.len()).step_by(4).collect::<Vec<_>>());
-    formats::write_levels(&path, &[model.clone(), coarse], RenderMode::AntiAliased).unwrap();
+    formats::write_levels(&path, &[model.clone(), coarse], (RenderMode::AntiAliased, FAR)).unwrap();
     for place in [path.as_path(), folder.path()] {
         let back = formats::read(place).unwrap();
         assert_eq!((back.gaussians.len(), back.mode), (model.len(), RenderMode::AntiAliased));
+        assert_eq!(back.origin, FAR);
         let some = model.select(&(0..model.len()).step_by(997).collect::<Vec<_>>());
         for (i, j) in matched(&some, &back.gaussians) {
             let size = |m: &qirf_vk::gaussians::Gaussians, i: usize| m.log_scales[i].iter().sum::<f32>();
@@ -60,7 +63,7 @@ fn the_finest_level_is_read_back_and_every_leaf_knows_its_own() {
 fn hostile_levels_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("lod-meta.json");
-    formats::write_levels(&path, &[make::model(50, 0)], RenderMode::Plain).unwrap();
+    formats::write_levels(&path, &[make::model(50, 0)], (RenderMode::Plain, [0.0; 3])).unwrap();
     let good = meta(folder.path()).to_string();
     for (from, to) in [
         ("0_0/meta.json", "../0_0/meta.json"),

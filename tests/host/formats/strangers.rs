@@ -174,7 +174,7 @@ fn splat_transform_reads_each_level_of_our_streamed_sog() {
     model.means.iter_mut().for_each(|m| m[1] *= 6.0);
     let levels =
         [model.clone(), model.select(&(0..3000).collect::<Vec<_>>()), model.select(&(0..1000).collect::<Vec<_>>())];
-    formats::write_levels(&path, &levels, RenderMode::Plain).unwrap();
+    formats::write_levels(&path, &levels, (RenderMode::Plain, [0.0; 3])).unwrap();
     for (number, level) in levels.iter().enumerate() {
         let out = folder.path().join(format!("{number}.ply"));
         printed(Command::new(&program).args(["-q", "-w", "-L", &number.to_string()]).arg(&path).arg(&out));

@@ -227,6 +227,17 @@ fn models_scenes_and_cameras_of_one_far_world_meet() {
     assert_eq!(place::shift_to(&splats, [0.0; 3], &scene), DVec3::ZERO, "without a record, near zero");
     splats.shift(world);
     assert_eq!(place::shift_to(&splats, [0.0; 3], &scene), -scene.origin, "without a record, in the world");
+    // Of two models, in the world and local, or each with a record or without.
+    let (far, near) = (splats.clone(), make::model(20, 0));
+    for (mut model, origins, original) in [
+        (far.clone(), [[0.0; 3], world.to_array()], &near),
+        (near.clone(), [world.to_array(), [0.0; 3]], &far),
+        (near.clone(), [[0.0; 3], world.to_array()], &near),
+        (far.clone(), [[0.0; 3]; 2], &far),
+    ] {
+        place::align(&mut model, origins, original);
+        assert!((0..3).all(|k| (model.means[0][k] - original.means[0][k]).abs() < 0.5), "{origins:?}");
+    }
     assert_eq!(place::origin_of_cameras(world + 5.0, own.to_array()), own);
     assert_eq!(place::origin_of_cameras(DVec3::splat(5.0), own.to_array()), DVec3::ZERO);
 }
