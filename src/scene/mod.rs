@@ -9,6 +9,7 @@ mod decode;
 mod error;
 mod exif;
 pub mod faces;
+mod image_file;
 mod image_size;
 mod jpeg;
 pub mod lens;

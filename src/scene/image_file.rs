@@ -1,0 +1,81 @@
+//! Files of photos and masks, decoded to bytes.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{DynamicImage, ImageReader, RgbaImage};
+
+use super::error::Error;
+use super::jpeg::lacks_data;
+
+/// Decodes a photo or a mask.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Photo`] for what is damaged, cut short or in a format that is not read.
+pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    if let Some(format) = unread(&bytes) {
+        let convert = "convert it, with ImageMagick by `magick mogrify -format jpg -quality 95`";
+        return Err(Error::photo(path, format!("is {format}, which is not read: {convert}")));
+    }
+    let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| Error::io(path, e))?;
+    let decoded = reader.decode().map_err(|e| {
+        let known = !matches!(e, image::ImageError::Unsupported(_));
+        let remedy =
+            if known { "copy it again" } else { "convert it, with ImageMagick by `magick mogrify -format png`" };
+        Error::photo(path, format!("cannot be decoded: {e}; {remedy}"))
+    })?;
+    if decoded.width() == 0 || decoded.height() == 0 {
+        return Err(Error::photo(path, "has no pixels"));
+    }
+    if bytes.starts_with(&[0xff, 0xd8]) && lacks_data(&bytes) {
+        return Err(Error::photo(path, "the JPEG is cut short: a part of its data is missing; copy it again"));
+    }
+    Ok(decoded)
+}
+
+/// The bytes of a mask: grey, or, where that is the same throughout, alpha; both if both differ. Masks of small numbers hide
+/// where they are 0; the others' largest number is white.
+pub(super) fn counting(mask: DynamicImage) -> Vec<u8> {
+    let pixels = mask.into_luma_alpha8().into_raw();
+    let pixels = pixels.as_chunks::<2>().0;
+    let plain = pixels.iter().all(|[grey, _]| *grey == pixels[0][0]) && pixels.iter().any(|[_, alpha]| *alpha < 255);
+    let shown =
+        |[grey, alpha]: &[u8; 2]| if plain { *alpha } else { (u16::from(*grey) * u16::from(*alpha) / 255) as u8 };
+    let mut bytes: Vec<u8> = pixels.iter().map(shown).collect();
+    match bytes.iter().copied().max().unwrap_or(0) {
+        0 | 255 => {}
+        1..128 => bytes.iter_mut().for_each(|byte| *byte = 255 * u8::from(*byte > 0)),
+        most => bytes.iter_mut().for_each(|byte| *byte = (u16::from(*byte) * 255 / u16::from(most)) as u8),
+    }
+    bytes
+}
+
+/// Red, green, blue and alpha in bytes. Floats, as of EXR, are linear in the amount of light: they get the curve of sRGB.
+pub(super) fn to_bytes(decoded: DynamicImage) -> RgbaImage {
+    if !matches!(decoded, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) {
+        return decoded.into_rgba8();
+    }
+    let floats = decoded.into_rgba32f();
+    let curve = |v: f32| if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8; // NaN gives 0
+    RgbaImage::from_fn(floats.width(), floats.height(), |x, y| {
+        let [r, g, b, a] = floats.get_pixel(x, y).0;
+        image::Rgba([byte(curve(r)), byte(curve(g)), byte(curve(b)), byte(a)])
+    })
+}
+
+/// The name of a format that is not read, by the first bytes of a file.
+fn unread(bytes: &[u8]) -> Option<&'static str> {
+    let brand = if bytes.get(4..8) == Some(b"ftyp") { bytes.get(8..12) } else { None };
+    match (bytes, brand) {
+        (_, Some(b"avif" | b"avis")) => Some("AVIF"),
+        (_, Some(b"crx ")) => Some("a raw photo (CR3)"),
+        (_, Some(_)) => Some("HEIC or a video"),
+        ([0xff, 0x0a, ..] | [0, 0, 0, 12, b'J', b'X', b'L', b' ', ..], _) => Some("JPEG XL"),
+        ([0, 0, 0, 12, b'j', b'P', ..] | [0xff, 0x4f, 0xff, 0x51, ..], _) => Some("JPEG 2000"),
+        ([b'B', b'M', ..], _) => Some("BMP"),
+        ([0x1f, 0x8b, ..], _) => Some("compressed by gzip"),
+        _ => None,
+    }
+}
