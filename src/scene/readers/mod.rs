@@ -33,7 +33,7 @@ use super::lens::{Lens, LensModel, Pinhole, VISIBLE_DISPLACEMENT};
 use super::merge::merge_repeated;
 use super::near::near;
 use super::view::{FOLDED, Role, View};
-use super::{Error, OpenOptions, Point, Scene, SceneKind, Skipped};
+use super::{Error, Names, OpenOptions, Point, Scene, SceneKind, Skipped};
 use crate::wording::counted;
 
 /// The contents of a scene's files.
@@ -158,6 +158,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let points = merge_repeated(points);
     skipped.repeated_points = listed - points.len();
     skipped.notes.extend(unseen(&views, &points));
+    skipped.notes.extend(outlying(&views));
     let near = near(&views, &points);
     let origin = DVec3::ZERO;
     let Listing { kind, root, .. } = listing;
@@ -179,6 +180,28 @@ fn unseen(views: &[View], points: &[Point]) -> Option<String> {
              direction (camera to world or back) of their format?",
             counted(views.len(), "view")
         )
+    })
+}
+
+/// A note on cameras far from all others: rates of training are relative to the extent of all cameras.
+fn outlying(views: &[View]) -> Option<String> {
+    const FAR: f64 = 100.0;
+    let median = |mut values: Vec<f64>| {
+        let middle = values.len() / 2;
+        *values.select_nth_unstable_by(middle, f64::total_cmp).1
+    };
+    if views.len() < 5 {
+        return None;
+    }
+    let centres: Vec<DVec3> = views.iter().map(|view| view.camera.centre()).collect();
+    let middle = DVec3::from([0, 1, 2].map(|axis: usize| median(centres.iter().map(|c| c[axis]).collect())));
+    let usual = median(centres.iter().map(|c| c.distance(middle)).collect());
+    let mut names = Names::default();
+    let far = views.iter().zip(&centres).filter(|(_, c)| usual > 0.0 && c.distance(middle) > FAR * usual);
+    far.for_each(|(view, _)| names.add_photo(view));
+    let views = counted(names.count, "camera");
+    (names.count > 0).then(|| {
+        format!("{views} more than {FAR} times as far out as half of them: leave out, or pose again ({names})")
     })
 }
 

@@ -197,6 +197,21 @@ fn cameras_that_look_away_from_the_points_are_told() {
 }
 
 #[test]
+fn cameras_far_from_all_others_are_told() {
+    let names = ["a.png", "b.png", "c.png", "d.png", "e.png", "f.png"];
+    for (x, told) in [(80.0, false), (-9e3, true)] {
+        let mut model = row(&names);
+        model.images[4].2[0] = x;
+        let scene = written(model.text());
+        assert_eq!(
+            notes(&open(scene.path())).contains("1 camera more than 100 times as far out as half of them"),
+            told,
+            "{x}"
+        );
+    }
+}
+
+#[test]
 fn depth_maps_have_the_step_that_the_file_says() {
     for (field, step) in [
         ("", None),
