@@ -261,7 +261,7 @@ fn a_run_writes_its_last_prune_and_the_model_before_it() {
     };
     for taken in ["model", "checkpoint"] {
         let taken = out.join(taken).with_extension("safetensors").display().to_string();
-        refused(&["--diagnostics", &taken], "needed for something else");
+        refused(&["--diagnostics", &taken], "already used for another output");
     }
     refused(&["--diagnostics", &name, "--no-prune"], "--no-prune");
     let ended = program(&[&run[..], &["--diagnostics", &name]].concat());
