@@ -89,6 +89,7 @@ check: ## verify formatting, lints, shaders and documentation
 	cargo clippy --locked --no-default-features --features cli,faer -- -D warnings
 	@$(MAKE) --no-print-directory shaders
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
+	for crate in python tests/fuzz; do cargo metadata --locked --format-version 1 --manifest-path $$crate/Cargo.toml >/dev/null || exit 1; done
 
 # The SPIR-V is in the repository beside its sources, so a build needs no shader compiler.
 SPIRV := target/spirv

@@ -17,16 +17,16 @@ use engine::render::Style;
 use pyo3::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Removes the Gaussians that pictures can do without. Returns the smaller model and the record of `qirf-vk compress --json`.
+/// Removes redundant Gaussians. Returns the smaller model and the record of `qirf-vk compress --json`.
 ///
-/// keep: a share, 0.28 if nothing is said; or count: a number of Gaussians; or size: the best file of so many bytes; or psnr: the
-/// smallest file of so many dB. The last two need `output`, a file name as Model.save takes it. With `output` the file is written, and
-/// the model is what it holds.
+/// keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes, with the highest
+/// PSNR; or psnr: the minimum PSNR in dB, with the smallest file. The last two need `output`, a file name as for Model.save. With `output`
+/// the file is written, and the returned model is read from it.
 ///
-/// Judges are `views` pictures of the model itself, of picture_size (width, height), or the photos of `scene`, at a resolution such as 640
-/// (pixels wide) or "/2". selector: how Gaussians are ranked (docs/method.md); fine_tune: iterations of training afterwards.
-/// record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
-/// "fine_tuned"; each has psnr in dB, ssim, and lpips_alex and the like where weights are installed.
+/// The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`, at a
+/// resolution such as 640 (pixels wide) or "/2". selector: the rule that ranks Gaussians (docs/method.md); fine_tune: iterations of training
+/// afterwards. record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
+/// "fine_tuned"; each has psnr in dB, ssim, and, if weights are installed, lpips_alex and the like.
 #[pyfunction]
 #[pyo3(signature = (model, keep=None, *, count=None, size=None, psnr=None, output=None, scene=None, resolution=None,
     selector=None, fine_tune=0, views=None, picture_size=None, seed=1, device=None, on_progress=None))]

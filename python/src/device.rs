@@ -5,9 +5,9 @@ use engine::gpu::{self, DeviceOptions};
 use engine::pipeline::Error;
 use pyo3::prelude::*;
 
-/// A Vulkan device: by its index, a part of its name, "uuid:..." or "pci:..."; else $QIRF_DEVICE, else the best there is.
+/// A Vulkan device by its index, a part of its name, "uuid:..." or "pci:..."; by default $QIRF_DEVICE, else the best device.
 ///
-/// memory_limit: bytes that may be used; else what is free of a GPU's memory. Raises DeviceError.
+/// memory_limit: limit on the bytes in use; by default the free memory of a GPU. Raises DeviceError.
 #[pyclass(frozen, module = "qirf_vk")]
 pub struct Device {
     pub(crate) inner: gpu::Device,

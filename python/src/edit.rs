@@ -32,19 +32,19 @@ fn checked<T>(made: Result<T, engine::edit::Error>) -> PyResult<T> {
 
 #[pymethods]
 impl Model {
-    /// Moves, turns and scales by a similarity, (3, 4) or (4, 4); spherical harmonics turn along.
+    /// Applies a similarity, (3, 4) or (4, 4), and rotates the spherical harmonics accordingly.
     fn transform(&self, py: Python<'_>, matrix: &Bound<'_, PyAny>) -> PyResult<Self> {
         let flat = py.import("numpy")?.call_method1("ravel", (matrix,))?.call_method0("tolist")?;
         let numbers: Vec<f64> = flat.extract()?;
         self.transformed(py, Similarity::of_matrix(&numbers))
     }
 
-    /// Moves by (x, y, z) in world units.
+    /// Translates by (x, y, z) in world units.
     fn move_by(&self, py: Python<'_>, offset: [f64; 3]) -> PyResult<Self> {
         self.transformed(py, Ok(Similarity::shift(DVec3::from_array(offset))))
     }
 
-    /// Turns about an axis through the origin, by the right hand.
+    /// Rotates about an axis through the origin (right-handed).
     fn turn(&self, py: Python<'_>, axis: [f64; 3], degrees: f64) -> PyResult<Self> {
         self.transformed(py, Similarity::turn(DVec3::from_array(axis), degrees))
     }
@@ -54,13 +54,13 @@ impl Model {
         self.transformed(py, Similarity::scaling(factor))
     }
 
-    /// Keeps the Gaussians whose centre is in a box along the world's axes, or those whose centre is not.
+    /// Keeps the Gaussians with their centre in an axis-aligned box, or outside of it.
     #[pyo3(signature = (low, high, *, outside=false))]
     fn crop_box(&self, py: Python<'_>, low: [f64; 3], high: [f64; 3], outside: bool) -> PyResult<Self> {
         self.cropped(py, Region::cube(low.into(), high.into()), outside)
     }
 
-    /// Keeps the Gaussians whose centre is in a ball, or those whose centre is not.
+    /// Keeps the Gaussians with their centre in a sphere, or outside of it.
     #[pyo3(signature = (centre, radius, *, outside=false))]
     fn crop_ball(&self, py: Python<'_>, centre: [f64; 3], radius: f64, outside: bool) -> PyResult<Self> {
         self.cropped(py, Region::ball(centre.into(), radius), outside)
@@ -71,7 +71,7 @@ impl Model {
         self.edited(py, Edit::ShDegree(degree))
     }
 
-    /// Removes Gaussians of a lower opacity, 0 to 1.
+    /// Removes Gaussians with a lower opacity, 0 to 1.
     fn min_opacity(&self, py: Python<'_>, opacity: f64) -> PyResult<Self> {
         if !(0.0..=1.0).contains(&opacity) {
             return Err(wrong(format!("opacity={opacity}: give one from 0 to 1")));
@@ -79,7 +79,7 @@ impl Model {
         self.edited(py, Edit::MinOpacity(opacity))
     }
 
-    /// Removes Gaussians of which an axis's standard deviation is larger, in world units.
+    /// Removes Gaussians whose longest axis has a larger standard deviation, in world units.
     fn max_size(&self, py: Python<'_>, size: f64) -> PyResult<Self> {
         if size.is_nan() || size <= 0.0 {
             return Err(wrong(format!("size={size}: give one above 0, in world units")));
@@ -105,7 +105,7 @@ impl Model {
         self.edited(py, Edit::MortonOrder)
     }
 
-    /// The Gaussians of a mask (n,) of bools, or of these numbers, in their order.
+    /// The Gaussians selected by a mask (n,) of bools, or by indices, in their order.
     fn select(&self, py: Python<'_>, chosen: &Bound<'_, PyAny>) -> PyResult<Self> {
         let numpy = py.import("numpy")?;
         let array = numpy.call_method1("asarray", (chosen,))?;
@@ -128,7 +128,7 @@ impl Model {
     }
 }
 
-/// All Gaussians of several models, one model after the other; bands that one lacks are zero. Means count from the first one's origin.
+/// Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model.
 #[pyfunction]
 pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     let models: Vec<&Model> = models.iter().map(Bound::get).collect();

@@ -14,8 +14,9 @@ use std::path::{Path, PathBuf};
 
 /// Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
 ///
-/// resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: each so many photos one is held out. background: red, green
-/// and blue in [0, 1]. record["test"] has the means, record["views"] each view's: psnr in dB, ssim, and lpips_alex and the like where weights are installed.
+/// resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: every eval_every-th photo is held out. background: red, green
+/// and blue in [0, 1]. The record's "test" has the means, "views" the scores of each view: psnr in dB, ssim, and, if weights are installed,
+/// lpips_alex and the like.
 #[pyfunction]
 #[pyo3(signature = (model, scene=None, *, against=None, resolution=None, eval_every=8, background=None, device=None, on_progress=None))]
 pub fn evaluate<'py>(

@@ -92,7 +92,7 @@ fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
 
 #[pymethods]
 impl Model {
-    /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; what cannot be drawn is left out.
+    /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let loaded = py.detach(|| formats::read(&path)).map_err(|e| raised(Error::from(e)))?;
@@ -102,7 +102,7 @@ impl Model {
     /// Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
     ///
     /// means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
-    /// (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see there.
+    /// (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see Model.origin.
     #[staticmethod]
     #[pyo3(signature = (means, log_scales, rotations, opacity_logits, sh, *, antialiased=false, origin=[0.0; 3]))]
     fn from_arrays(
@@ -137,7 +137,7 @@ impl Model {
         Ok(Self { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
     }
 
-    /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, whole or not at all; an origin goes to georeference.json beside it.
+    /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json beside it.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| formats::write_at(&path, &self.inner, self.mode, self.origin))
             .map_err(|e| raised(Error::writing(e)))
@@ -190,7 +190,7 @@ impl Model {
         self.mode.antialiased()
     }
 
-    /// Where the means count from in the world: (0, 0, 0) but for models far from there, such as those of maps. Edits keep it.
+    /// Local origin of the means in the world; (0, 0, 0) except for models far from the world's origin, such as those in map coordinates. Edits keep it.
     #[getter]
     fn origin(&self) -> (f64, f64, f64) {
         self.origin.into()

@@ -21,10 +21,10 @@ use numpy::{IntoPyArray, PyArray2, PyArray3};
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// A pinhole camera as COLMAP and OpenCV have it: x right, y down, z forward; the middle of the first pixel is (0.5, 0.5).
+/// A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).
 ///
 /// k: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
-/// near: Gaussians nearer than this, in world units along the camera's axis, are left out.
+/// near: near plane, in world units along the camera's axis; closer Gaussians are not drawn.
 #[pyclass(frozen, module = "qirf_vk")]
 #[derive(Clone)]
 pub struct Camera {
@@ -169,7 +169,7 @@ pub fn orbit(
 
 /// Draws pictures of one model, in parts if the device cannot hold it.
 ///
-/// background: red, green and blue in [0, 1]. A renderer keeps the model on the device: make one for many pictures.
+/// background: red, green and blue in [0, 1]. A renderer keeps the model on the device, so use one renderer for many pictures.
 #[pyclass(frozen, module = "qirf_vk")]
 pub struct Renderer {
     device: gpu::Device,
@@ -245,7 +245,7 @@ impl Renderer {
         Ok(Self { device, model, resident, settings: style.over(background), brushes: Mutex::default() })
     }
 
-    /// A picture (height, width, 4): red, green, blue with the background blended in, and alpha. Give a Camera, or K (3, 3), the pose
+    /// A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose
     /// (3, 4) or (4, 4), and width and height. The bytes are those of `qirf-vk render --format npy`.
     #[pyo3(signature = (camera, world_to_camera=None, size=None))]
     fn render<'py>(
@@ -264,8 +264,8 @@ impl Renderer {
         Ok(pixels.into_pyarray(py))
     }
 
-    /// Expected depths (height, width) along the camera's axis, in world units: the mean over the Gaussians that a pixel blends, weighted as
-    /// their colours are; infinite where there are none.
+    /// Expected depths (height, width) along the camera's axis, in world units: the mean over the Gaussians that a pixel blends, with the
+    /// weights of their colours; infinite where there are none.
     #[pyo3(signature = (camera, world_to_camera=None, size=None))]
     fn depth<'py>(
         &self,

@@ -89,10 +89,10 @@ fn configuration(scene: PathBuf, preset: &str, mut options: Map<String, Value>) 
 /// Trains a scene with poses, prunes it, and scores it, as `qirf-vk run` does, with the same bytes.
 ///
 /// scene: a folder with COLMAP's, Blender's, instant-ngp's or nerfstudio's cameras and photos. preset: "standard", "quick" or "paper".
-/// output: the folder of the run's files; temporary if absent. resume: goes on from the checkpoint of an interrupted run there.
+/// output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there.
 ///
-/// on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr where it was measured,
-/// rates, device_bytes. on_progress gets the stage, the steps done and their number. What a callback raises ends the run.
+/// on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr if it was measured,
+/// rates, device_bytes. on_progress gets the stage, the steps done and their total. An exception in a callback ends the run.
 ///
 /// options: iterations; keep (a share) or count of Gaussians, or prune=False; effects, such as ["exposure=on"]; and every key of
 /// config.toml, such as seed, resolution (640 pixels wide, or "/2"), images, eval_every, sh_degree, max_gaussians, checkpoint_every,
