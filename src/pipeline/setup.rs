@@ -61,9 +61,14 @@ impl<'a> Setup<'a> {
         };
         let start = checkpoint.map_or_else(fresh, |checkpoint| Ok(Start::Resumed(Box::new(checkpoint))))?;
         let estimated_bytes = budget::for_run(session, config, &opened, &start)?;
+        let schedule = &config.schedule;
+        let limit = schedule.growth.and_then(|plan| plan.limit(&opened.train_pixels(), schedule.iterations));
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
         let (decisions, gains) = effects::decide(&prepared, config)?;
         watcher.note(&effects::summary(&decisions));
+        if let Some(note) = limit {
+            watcher.note(&note);
+        }
         let config = RunConfig { tuning: Some(device.tuning().clone()), ..config.decided(&decisions) };
         let (load_s, exposures) = (begun.elapsed().as_secs_f64(), Exposures::Learnt(gains));
         let setup = Self {

@@ -3,7 +3,7 @@
 
 use super::schedule::Schedule;
 use super::selection;
-use crate::effects::geometry::{LOOKS, looks};
+use crate::effects::geometry::LOOKS;
 use crate::random;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
@@ -38,12 +38,29 @@ impl Default for Growth {
 impl Growth {
     /// The number for a run of `iterations` on photos with these numbers of pixels: the geometric mean of all pixels and of
     /// the iterations. Both limit what can be learnt: a picture holds no more detail than it has pixels, and each Gaussian
-    /// needs its steps. Steps on few photos teach no more from [`looks`] of [`LOOKS`] on, and do not count.
+    /// needs its steps. Of the steps on n photos, only [`LOOKS`] n² count: more teach nothing new.
     /// docs/decisions.md (50, 146) has the figures.
     pub fn by_photos(pixels: &[u64], iterations: u32) -> usize {
         let all: u64 = pixels.iter().sum();
-        let taught = (f64::from(iterations) * (LOOKS / looks(iterations, pixels.len())).min(1.0)).max(LEAST_TAUGHT);
-        (all as f64 * taught.min(f64::from(iterations))).sqrt() as usize
+        (all as f64 * Self::taught(pixels.len(), iterations)).sqrt() as usize
+    }
+
+    /// The iterations that count towards the number, of a run of `iterations` on `photos` photos.
+    fn taught(photos: usize, iterations: u32) -> f64 {
+        let iterations = f64::from(iterations);
+        (LOOKS * (photos.max(1) as f64).powi(2)).max(LEAST_TAUGHT).min(iterations)
+    }
+
+    /// A note for people if few photos limit the number.
+    pub fn limit(self, pixels: &[u64], iterations: u32) -> Option<String> {
+        let (taught, photos) = (Self::taught(pixels.len(), iterations), pixels.len());
+        let limited = self.gaussians.is_none() && taught < f64::from(iterations);
+        limited.then(|| {
+            format!(
+                "the photos ({photos}) are few for {iterations} iterations: the model grows to {} Gaussians, as in {taught:.0} iterations",
+                Self::by_photos(pixels, iterations)
+            )
+        })
     }
 
     /// The same plan with its number, derived from the photos' numbers of pixels if it has none.
@@ -150,6 +167,14 @@ mod tests {
         assert_eq!([7000, 30_000].map(|i| number(100, i)), [83_666, 173_205]);
         assert_eq!([60, 1000, 30_000].map(|i| number(1, i)), [774, 3162, 3162]);
         assert_eq!(number(0, 1000), 0);
+        let plan = Growth::default();
+        let note = plan.limit(&[10_000; 20], 7000).unwrap();
+        assert!(
+            note.contains("(20)") && note.contains("18973 Gaussians") && note.contains("1800 iterations"),
+            "{note}"
+        );
+        assert_eq!(plan.limit(&[10_000; 20], 1800), None);
+        assert_eq!(Growth { gaussians: Some(9), ..plan }.limit(&[10_000; 20], 7000), None);
     }
 
     #[test]
