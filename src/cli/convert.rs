@@ -17,7 +17,6 @@ use crate::pipeline::place::shift_to;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::pipeline::{Error, Session, eval};
 use crate::render::Style;
-use crate::scene::camera::Camera;
 use crate::scene::{OpenOptions, Scene};
 use crate::view::alone::{PageOptions, Shell};
 use crate::wording::counted;
@@ -240,8 +239,7 @@ impl Arguments {
             Some(path) => {
                 let scene = Scene::open(path, &OpenOptions::default())?;
                 let shift = shift_to(&loaded.gaussians, loaded.origin, &scene);
-                let moved = |c: &Camera| Camera { translation: c.translation + c.rotation * shift, ..c.clone() };
-                scene.views.first().map(|view| moved(&view.camera))
+                scene.views.first().map(|view| view.camera.relative_to(shift))
             }
             None => None,
         };

@@ -263,7 +263,7 @@ impl Arguments {
         let (mut keys, every) = walk::read(path, &frame)?;
         let from = origin_of_cameras(camera::mean_centre(keys.iter()), origin);
         for key in &mut keys {
-            key.translation += key.rotation * from;
+            *key = key.relative_to(from);
         }
         Ok(if every && self.frames.is_none() { keys } else { walk::walk(&keys, count) })
     }

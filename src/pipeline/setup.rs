@@ -52,17 +52,17 @@ impl<'a> Setup<'a> {
         let checkpoint = if resume { checkpoint(output, watcher)? } else { None };
         let opened = open(&config.selection())?.with_depths(watcher);
         refuse_photo_folders(&opened.scene, [output.model(), output.renders().join("picture.png")].iter())?;
+        let pixels = opened.train_pixels();
         let fresh = || {
             if let Some(note) = opened.scene.lacks_points().filter(|_| matches!(config.init, Init::Points)) {
                 watcher.note(&note);
             }
-            let pixels = opened.train_pixels().into_iter().max().unwrap_or(0);
-            Start::of(config, &opened.scene, pixels)
+            Start::of(config, &opened.scene, pixels.iter().copied().max().unwrap_or(0))
         };
         let start = checkpoint.map_or_else(fresh, |checkpoint| Ok(Start::Resumed(Box::new(checkpoint))))?;
         let estimated_bytes = budget::for_run(session, config, &opened, &start)?;
         let schedule = &config.schedule;
-        let limit = schedule.growth.and_then(|plan| plan.limit(&opened.train_pixels(), schedule.iterations));
+        let limit = schedule.growth.and_then(|plan| plan.limit(&pixels, schedule.iterations));
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
         let (decisions, gains) = effects::decide(&prepared, config)?;
         watcher.note(&effects::summary(&decisions));

@@ -47,6 +47,12 @@ impl Camera {
         Self { rotation, translation, ..self.clone() }
     }
 
+    /// The same camera in coordinates that are relative to this local origin.
+    #[must_use]
+    pub fn relative_to(&self, origin: DVec3) -> Self {
+        Self { translation: self.translation + self.rotation * origin, ..self.clone() }
+    }
+
     /// A point's depth along the camera's axis, in world units; negative behind the camera.
     pub fn depth(&self, point: DVec3) -> f64 {
         (self.rotation * point + self.translation).z

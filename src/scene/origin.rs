@@ -40,7 +40,7 @@ impl Scene {
             return self;
         }
         for view in &mut self.views {
-            view.camera.translation += view.camera.rotation * origin;
+            view.camera = view.camera.relative_to(origin);
         }
         for point in &mut self.points {
             point.position -= origin;

@@ -4,8 +4,7 @@ use super::parse;
 use crate::edit::{Edit, INVISIBLE, Region, Similarity, Unwanted};
 use crate::gaussians::{self, MAX_SH_DEGREE};
 use crate::pipeline::Error;
-use crate::scene::camera::Camera;
-use crate::scene::{Resize, Scene, View};
+use crate::scene::{Resize, Scene};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
 use glam::DVec3;
@@ -223,11 +222,7 @@ fn operation(name: &str, value: &str) -> Result<(Option<Operation>, String), Str
 
 /// A crop by a scene's cameras, of which at least so many must show a centre after `shift`.
 pub(super) fn of_views(scene: &Scene, shift: DVec3, least: usize, outside: bool) -> Result<Edit, Error> {
-    let camera = |view: &View| {
-        let camera = view.camera_at(Resize::Full);
-        Camera { translation: camera.translation + camera.rotation * shift, ..camera }
-    };
-    let cameras: Vec<_> = scene.views.iter().map(camera).collect();
+    let cameras: Vec<_> = scene.views.iter().map(|view| view.camera_at(Resize::Full).relative_to(shift)).collect();
     if least > cameras.len() {
         let there = cameras.len();
         return Err(Error::Usage(format!("--least-views {least}: {} has {there} views", scene.root.display())));

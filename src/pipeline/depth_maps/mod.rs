@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::effects::{DepthEvidence, DepthWitness};
 use crate::scene::camera::Camera;
 use crate::scene::lens::Lens;
-use crate::scene::{AlphaRole, DepthMap, Photo, Point, Resize, Scene, View};
+use crate::scene::{AlphaRole, DepthMap, Photo, Point, Resize, Scene, View, median};
 use crate::wording::counted;
 use read::Map;
 
@@ -90,10 +90,9 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
         maps.par_iter().flat_map_iter(|(v, map)| points(*v, &scene.views[*v], map, each)).collect();
     let usable = found.iter().filter(|f| !matches!(f.map, Ok((Scale::Apart, _)) | Err(_))).count();
     let mut off: Vec<f64> = known.iter().map(|[_, off]| *off).collect();
-    let (by, deviation) = if off.is_empty() {
-        (DepthWitness::Maps, agreement(scene, &maps, &points))
-    } else {
-        (DepthWitness::Points, Some(middle(&mut off)))
+    let (by, deviation) = match median(&mut off) {
+        None => (DepthWitness::Maps, agreement(scene, &maps, &points)),
+        off => (DepthWitness::Points, off),
     };
     let unseen = by == DepthWitness::Maps && deviation.is_none() && usable > 1;
     let notes = notes(scene, &found, &known, (usable, points.len(), unseen));
@@ -191,18 +190,10 @@ fn scale<'a>(view: &View, map: &Map, seen: impl Iterator<Item = &'a Point>) -> S
         if depth > 0.0 { source.look(map, p).map(|measured| depth / measured) } else { None }
     };
     let mut ratios: Vec<f64> = seen.filter_map(ratio).collect();
-    if ratios.len() < FEWEST {
-        return Scale::Unknown;
-    }
-    let scale = middle(&mut ratios);
+    let Some(scale) = median(&mut ratios).filter(|_| ratios.len() >= FEWEST) else { return Scale::Unknown };
     let mut off: Vec<f64> = ratios.iter().map(|ratio| (ratio / scale - 1.0).abs()).collect();
-    let off = middle(&mut off);
+    let off = median(&mut off).unwrap_or_default();
     if off > APART { Scale::Apart } else { Scale::Points(scale, off) }
-}
-
-fn middle(values: &mut [f64]) -> f64 {
-    let at = values.len() / 2;
-    *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
 /// A view's camera at the size of its map.
@@ -256,7 +247,7 @@ fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Point]) -> Opt
         next.iter().find_map(seen)
     };
     let mut apart: Vec<f64> = points.iter().filter_map(apart).collect();
-    (apart.len() >= FEWEST).then(|| middle(&mut apart))
+    median(&mut apart).filter(|_| apart.len() >= FEWEST)
 }
 
 impl DepthMaps {

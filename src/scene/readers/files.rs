@@ -1,5 +1,6 @@
 //! Files of a scene: photos by folder and extension, sizes of photos, whole files.
 
+use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -52,28 +53,47 @@ pub(super) fn appended(path: &Path, extension: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// The file that a capture names by a path: as listed, else whatever the case, and without the folders of the machine that wrote it.
-pub(super) fn listed(root: &Path, name: &str) -> PathBuf {
-    let usual = root.join(tidy(name));
-    if usual.is_file() {
-        return usual;
-    }
-    let relative = relative(name);
-    let parts: Vec<&str> = relative.split('/').collect();
-    let whole = if usual == root.join(&relative) { parts.len().min(1) } else { parts.len() };
-    (0..whole).find_map(|from| in_any_case(root, &parts[from..])).unwrap_or(usual)
+/// Folders of a capture, each read once, and only for files that are not found as listed.
+#[derive(Default)]
+pub(super) struct Folders {
+    /// By folder: the paths in it by the keys of their names, in their order.
+    read: HashMap<PathBuf, HashMap<String, Vec<PathBuf>>>,
 }
 
-/// The file at a path below a folder, whose parts may be written in another case.
-fn in_any_case(folder: &Path, parts: &[&str]) -> Option<PathBuf> {
-    let (first, rest) = parts.split_first()?;
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut found: Vec<PathBuf> =
-        entries.filter(|e| key(&e.file_name().to_string_lossy()) == key(first)).map(|e| e.path()).collect();
-    found.sort();
-    found
-        .into_iter()
-        .find_map(|path| if rest.is_empty() { path.is_file().then_some(path) } else { in_any_case(&path, rest) })
+impl Folders {
+    /// The file that a capture names by a path: as listed, else whatever the case, and without the folders of the machine that wrote it.
+    pub(super) fn listed(&mut self, root: &Path, name: &str) -> PathBuf {
+        let usual = root.join(tidy(name));
+        if usual.is_file() {
+            return usual;
+        }
+        let relative = relative(name);
+        let parts: Vec<&str> = relative.split('/').collect();
+        let whole = if usual == root.join(&relative) { parts.len().min(1) } else { parts.len() };
+        (0..whole).find_map(|from| self.in_any_case(root, &parts[from..])).unwrap_or(usual)
+    }
+
+    /// The file at a path below a folder, whose parts may be written in another case.
+    fn in_any_case(&mut self, folder: &Path, parts: &[&str]) -> Option<PathBuf> {
+        let (first, rest) = parts.split_first()?;
+        let found = self.of(folder).get(&key(first)).cloned().unwrap_or_default();
+        found.into_iter().find_map(|path| {
+            if rest.is_empty() { path.is_file().then_some(path) } else { self.in_any_case(&path, rest) }
+        })
+    }
+
+    fn of(&mut self, folder: &Path) -> &HashMap<String, Vec<PathBuf>> {
+        self.read.entry(folder.to_owned()).or_insert_with(|| {
+            let mut by_key: HashMap<String, Vec<PathBuf>> = HashMap::new();
+            for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+                by_key.entry(key(&entry.file_name().to_string_lossy())).or_default().push(entry.path());
+            }
+            for paths in by_key.values_mut() {
+                paths.sort();
+            }
+            by_key
+        })
+    }
 }
 
 /// The depth map of a photo in a folder: with its name, or that of its file alone, and an extension of depth maps in place of its

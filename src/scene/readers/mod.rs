@@ -33,7 +33,7 @@ use super::lens::{Lens, LensModel, Pinhole, VISIBLE_DISPLACEMENT};
 use super::merge::merge_repeated;
 use super::near::near;
 use super::view::{FOLDED, Role, View};
-use super::{Error, Names, OpenOptions, Point, Scene, SceneKind, Skipped};
+use super::{Error, Names, OpenOptions, Point, Scene, SceneKind, Skipped, median};
 use crate::wording::counted;
 
 /// The contents of a scene's files.
@@ -186,16 +186,14 @@ fn unseen(views: &[View], points: &[Point]) -> Option<String> {
 /// A note on cameras far from all others: rates of training are relative to the extent of all cameras.
 fn outlying(views: &[View]) -> Option<String> {
     const FAR: f64 = 100.0;
-    let median = |mut values: Vec<f64>| {
-        let middle = values.len() / 2;
-        *values.select_nth_unstable_by(middle, f64::total_cmp).1
-    };
     if views.len() < 5 {
         return None;
     }
     let centres: Vec<DVec3> = views.iter().map(|view| view.camera.centre()).collect();
-    let middle = DVec3::from([0, 1, 2].map(|axis: usize| median(centres.iter().map(|c| c[axis]).collect())));
-    let usual = median(centres.iter().map(|c| c.distance(middle)).collect());
+    let usual =
+        |of: &dyn Fn(&DVec3) -> f64| median(&mut centres.iter().map(of).collect::<Vec<_>>()).unwrap_or_default();
+    let middle = DVec3::new(usual(&|c| c.x), usual(&|c| c.y), usual(&|c| c.z));
+    let usual = usual(&|c| c.distance(middle));
     let mut names = Names::default();
     let far = views.iter().zip(&centres).filter(|(_, c)| usual > 0.0 && c.distance(middle) > FAR * usual);
     far.for_each(|(view, _)| names.add_photo(view));

@@ -34,7 +34,7 @@ struct Scope {
     splats: Option<Arrays>,
     name: String,
     transform: Transform,
-    /// What the prims in it hold.
+    /// The contents of the prims in it.
     parts: Vec<Part>,
 }
 

@@ -13,7 +13,7 @@ use super::names::{self, Lookup};
 use super::{ListedPoint, ListedView, Listing, clouds, files, pose};
 use crate::scene::lens::{Lens, LensModel};
 use crate::scene::view::Role;
-use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
+use crate::scene::{Error, OpenOptions, SceneKind, Skipped, median};
 use crate::wording::counted;
 
 /// Cameras by COLMAP's ids.
@@ -182,9 +182,7 @@ fn misfit(lens: &Lens, pose: (DMat3, DVec3), marks: &[Mark], places: &HashMap<u6
         let off = lens.pixel_of(p).distance(*pixel);
         Some(if off.is_finite() { off } else { f64::from(lens.width) })
     };
-    let mut all: Vec<f64> = marks.iter().filter_map(off).collect();
-    let middle = all.len() / 2;
-    (!all.is_empty()).then(|| *all.select_nth_unstable_by(middle, f64::total_cmp).1)
+    median(&mut marks.iter().filter_map(off).collect::<Vec<_>>())
 }
 
 /// The scene of a model folder given by itself: the folder or the nearest of its three parents with photos.

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use serde_json::Value;
 
+use super::files::Folders;
 use super::masks::Masks;
 use super::names::{Lookup, tidy};
 use super::{ListedView, Listing, clouds, files, point_ply, pose};
@@ -78,6 +79,8 @@ struct Reader<'a> {
     /// Photos and masks of the capture, by names that differ from theirs.
     lookup: Lookup,
     masks: HashMap<PathBuf, Masks>,
+    /// For masks, depth maps and clouds that the file lists.
+    folders: Folders,
     /// Frames that the file itself calls bad.
     bad_frames: usize,
 }
@@ -95,6 +98,7 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
         camera_ids: HashMap::new(),
         lookup: Lookup::of(outer),
         masks: HashMap::new(),
+        folders: Folders::default(),
         bad_frames: 0,
     };
     let mut points = Vec::new();
@@ -114,7 +118,7 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     } else {
         let whole = reader.file(path, Role::Unsaid)?;
         if let Some(named) = whole.ply_file_path {
-            let ply = files::listed(root, &named);
+            let ply = reader.folders.listed(root, &named);
             if ply.is_file() {
                 points = clouds::usable(point_ply::read(&ply)?, &mut reader.skipped);
             } else {
@@ -274,7 +278,7 @@ impl Reader<'_> {
     /// The mask of a frame: as listed, or from a masks folder beside the photos' or in the scene.
     fn mask(&mut self, name: &str, listed: Option<&str>) -> Option<PathBuf> {
         if let Some(listed) = listed {
-            let mask = files::listed(self.root, listed);
+            let mask = self.folders.listed(self.root, listed);
             if mask.is_file() {
                 return Some(mask);
             }
@@ -289,7 +293,7 @@ impl Reader<'_> {
     /// The depth map that a frame names.
     fn depth(&mut self, listed: Option<&str>) -> Option<PathBuf> {
         let listed = listed?;
-        let map = files::listed(self.root, listed);
+        let map = self.folders.listed(self.root, listed);
         if map.is_file() {
             return Some(map);
         }
