@@ -5,6 +5,7 @@ mod support;
 mod device {
     mod batches;
     mod bin;
+    mod camera_errors;
     mod depth;
     mod effects;
     mod examples;

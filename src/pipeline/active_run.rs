@@ -4,7 +4,7 @@
 use super::checkpoint::{Checkpoint, RunNotes};
 use super::config::{ResponseSource, RunConfig};
 use super::effects;
-use super::evaluate::{Evaluator, exhibits, mean, protocol};
+use super::evaluate::{Evaluator, camera_errors, exhibits, mean, protocol};
 use super::floaters::{FloaterCounts, of_training};
 use super::output::Output;
 use super::pair_capacity;
@@ -327,7 +327,17 @@ impl<'a> ActiveRun<'a> {
         };
         let evaluated = assessment.record(session, prepared.scene.skipped.clone(), protocol, &model, &output.model());
         let floaters = floaters.map(|(counts, _)| counts);
-        let record = RunRecord { floaters, ..self.record(evaluated, evaluating.elapsed().as_secs_f64()) };
+        let setup = self.setup;
+        let mut record = RunRecord { floaters, ..self.record(evaluated) };
+        // The trainer is gone: there is room for the model's depths.
+        let look = (prepared.settings(config.style), config.exposure);
+        let held_out: Vec<_> = prepared.test.iter().map(|(_, photo)| photo).collect();
+        record.camera_errors = camera_errors(session, &model, &held_out, look)?;
+        record.time.evaluate_s = evaluating.elapsed().as_secs_f64();
+        record.time.total_s = setup.begun.elapsed().as_secs_f64();
+        if let Some(note) = record.camera_errors.and_then(|errors| errors.note(config.poses)) {
+            watcher.note(&note);
+        }
         if let Some(best) = record.past_best() {
             let CurvePoint { iteration, psnr, gaussians, .. } = best;
             watcher.note(&format!(
@@ -339,7 +349,7 @@ impl<'a> ActiveRun<'a> {
     }
 
     /// An evaluation's record with the figures of training added.
-    fn record(self, evaluated: RunRecord, evaluate_s: f64) -> RunRecord {
+    fn record(self, evaluated: RunRecord) -> RunRecord {
         let Self { setup, trainer, notes, .. } = self;
         RunRecord {
             gaussians: Counts {
@@ -349,12 +359,11 @@ impl<'a> ActiveRun<'a> {
             },
             guards: Guards { skipped_rows: trainer.skipped_rows(), ..evaluated.guards },
             time: Times {
-                total_s: setup.begun.elapsed().as_secs_f64(),
                 load_s: setup.load_s,
                 train_s: notes.seconds,
                 prune_s: notes.prunes.iter().map(|p| p.seconds.total).sum(),
-                evaluate_s,
                 stages_s: trainer.timings().iter().map(|(name, seconds, _)| (name, seconds)).collect(),
+                ..Times::default()
             },
             prunes: notes.prunes,
             cut: trainer.cut(),

@@ -3,7 +3,7 @@
 use super::budget;
 use super::config::Selection;
 use super::draw_source::DrawSource;
-use super::evaluate::{Assessment, Evaluator, HeldOut, protocol};
+use super::evaluate::{Assessment, Evaluator, HeldOut, camera_errors, protocol};
 use super::output::Output;
 use super::prepare::{Prepared, open, refuse_photo_folders};
 use super::records::{RunRecord, Times};
@@ -60,6 +60,12 @@ pub fn eval(
     let (mut assessment, mut evaluator) = assess(session, shown.source(), evaluation, (&prepared, renders.as_deref()))?;
     assessment.held_out.warn(watcher);
     assessment.frames_per_second = evaluator.frames_per_second(shown.source(), &prepared)?;
+    drop((evaluator, shown));
+    let held_out: Vec<_> = prepared.test.iter().map(|(_, photo)| photo).collect();
+    let camera_errors = camera_errors(session, model, &held_out, (prepared.settings(*style), *exposure))?;
+    if let Some(note) = camera_errors.and_then(|errors| errors.note(true)) {
+        watcher.note(&note);
+    }
     let protocol = protocol(selection, &prepared, networks, *exposure);
     let record = RunRecord {
         time: Times {
@@ -68,6 +74,7 @@ pub fn eval(
             evaluate_s: evaluating.elapsed().as_secs_f64(),
             ..Times::default()
         },
+        camera_errors,
         memory: session.memory(place.bytes),
         ..assessment.record(session, prepared.scene.skipped.clone(), protocol, model, file)
     };

@@ -5,6 +5,7 @@ use super::html::{Html, parse};
 use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind, TunedDevice, Tuning};
 use qirf_vk::metrics::Scores;
 use qirf_vk::pipeline::Output;
+use qirf_vk::pipeline::evaluate::CameraErrors;
 use qirf_vk::pipeline::evaluate::exhibits::exhibits;
 use qirf_vk::pipeline::records::{
     Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneRecord, PruneSeconds, RankRecord, RunRecord, Times,
@@ -59,6 +60,36 @@ fn prune(iteration: u32) -> PruneRecord {
     }
 }
 
+/// A device with a name that must be escaped.
+fn tuned() -> TunedDevice {
+    TunedDevice {
+        tuning: Tuning::new(DeviceClass::Cpu, 8, 1024),
+        info: DeviceInfo {
+            index: 0,
+            name: "Device <&>".into(),
+            kind: DeviceKind::Cpu,
+            class: DeviceClass::Cpu,
+            driver: "driver \"1\"".into(),
+            api: "1.3".into(),
+            subgroup_size: 8,
+            subgroup_range: [8, 8],
+            max_buffer_bytes: 1,
+            max_storage_buffers: 1,
+            push_bytes: 1,
+            memory_bytes: 1,
+            shared_bytes: 1,
+            max_workgroup: 1,
+            timestamp_period: 1.0,
+            optional: Vec::new(),
+            vendor: 0,
+            uuid: None,
+            pci: None,
+            hidden_by: None,
+            missing: None,
+        },
+    }
+}
+
 /// A record of a run with every optional part.
 fn rich() -> RunRecord {
     let names = ["one.png", EVIL, "three.png", "four.png", "five.png"];
@@ -72,32 +103,7 @@ fn rich() -> RunRecord {
     RunRecord {
         schema: 1,
         version: "0.0.0",
-        device: TunedDevice {
-            tuning: Tuning::new(DeviceClass::Cpu, 8, 1024),
-            info: DeviceInfo {
-                index: 0,
-                name: "Device <&>".into(),
-                kind: DeviceKind::Cpu,
-                class: DeviceClass::Cpu,
-                driver: "driver \"1\"".into(),
-                api: "1.3".into(),
-                subgroup_size: 8,
-                subgroup_range: [8, 8],
-                max_buffer_bytes: 1,
-                max_storage_buffers: 1,
-                push_bytes: 1,
-                memory_bytes: 1,
-                shared_bytes: 1,
-                max_workgroup: 1,
-                timestamp_period: 1.0,
-                optional: Vec::new(),
-                vendor: 0,
-                uuid: None,
-                pci: None,
-                hidden_by: None,
-                missing: None,
-            },
-        },
+        device: tuned(),
         protocol: Protocol {
             test_split: "every 8 by name".into(),
             train_views: 35,
@@ -115,6 +121,7 @@ fn rich() -> RunRecord {
         unfitted_psnr: None,
         train: TrainScores { psnr: Some(26.0) },
         views: names.iter().map(|n| view(n, Some(25.0))).collect(),
+        camera_errors: Some(CameraErrors { views: 5, pixels: 1.25, psnr: 24.5, fitted_psnr: 25.75 }),
         frames_per_second: Some(31.0),
         model_bytes: 345_678,
         prunes: vec![prune(400)],

@@ -85,6 +85,7 @@ impl Assessment {
             frames_per_second: self.frames_per_second,
             model_bytes: bytes_on_disk(file),
             prunes: Vec::new(),
+            camera_errors: None,
             floaters: None,
             cut: None,
             curve: Vec::new(),

@@ -1,6 +1,6 @@
 //! Held-out views: rendered, scored, and written as pictures.
 
-use super::exposure_fit;
+use super::exposure_fit::{exposed, right_half};
 use super::pictures::{self, Format};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
@@ -104,8 +104,8 @@ impl Comparison {
         if !self.fits_exposure {
             return Ok(([w, h], rendered, photo));
         }
-        let (w, rendered, photo) = exposure_fit::right_halves(&rendered, &photo, w);
-        Ok(([w, h], rendered, photo))
+        let (half, rendered) = right_half(&exposed(&rendered, &photo, w), w);
+        Ok(([half, h], rendered, right_half(&photo, w).1))
     }
 
     fn score(self, image: &Image, view: &Photo, networks: &Networks) -> Result<Scores, Error> {

@@ -12,24 +12,24 @@ const TERMS: usize = 4;
 /// Weight of the pull towards the identity, in pixels: decides where a picture leaves the affine undetermined.
 const RIDGE: f64 = 1e-3;
 
-/// The right half of a rendered picture, exposed like the photo and clamped to [0, 1], and that of the photo; row by
-/// row, red, green, blue in [0, 1]. A picture one pixel wide is compared whole.
-pub fn right_halves(rendered: &[f32], photo: &[f32], width: usize) -> (usize, Vec<f32>, Vec<f32>) {
-    let middle = width / 2;
-    let affine = fit(rendered, photo, width, 0..middle);
-    let half = |picture: &[f32]| -> Vec<f32> {
-        picture.chunks_exact(3 * width).flat_map(|row| row[3 * middle..].iter().copied()).collect()
-    };
-    let exposed = half(rendered)
-        .chunks_exact(3)
-        .flat_map(|x| {
-            affine.map(|row| {
-                let y = row[3] + (0..3).map(|c| row[c] * f64::from(x[c])).sum::<f64>();
-                (y as f32).clamp(0.0, 1.0)
-            })
+/// A rendered picture exposed like the photo, whose left half tells how, and clamped to [0, 1]. Pictures are row by row, red,
+/// green, blue in [0, 1].
+pub fn exposed(rendered: &[f32], photo: &[f32], width: usize) -> Vec<f32> {
+    let affine = fit(rendered, photo, width, 0..width / 2);
+    let expose = |x: &[f32]| {
+        affine.map(|row| {
+            let y = row[3] + (0..3).map(|c| row[c] * f64::from(x[c])).sum::<f64>();
+            (y as f32).clamp(0.0, 1.0)
         })
-        .collect();
-    (width - middle, exposed, half(photo))
+    };
+    rendered.chunks_exact(3).flat_map(expose).collect()
+}
+
+/// The right half of a picture; all of one that is one pixel wide.
+pub fn right_half(picture: &[f32], width: usize) -> (usize, Vec<f32>) {
+    let middle = width / 2;
+    let half = picture.chunks_exact(3 * width).flat_map(|row| row[3 * middle..].iter().copied());
+    (width - middle, half.collect())
 }
 
 /// Three rows: the affine that fits the rendered colours of some columns best to the photo's.
@@ -68,12 +68,13 @@ mod tests {
         let photo: Vec<f32> = (0..3 * width * height).map(value).collect();
         let dim: Vec<f32> =
             photo.chunks_exact(3).flat_map(|p| [0.8 * p[0] + 0.1, 0.7 * p[1], 0.9 * p[2] + 0.05]).collect();
-        let (w, exposed, right) = right_halves(&dim, &photo, width);
+        let (w, exposed) = right_half(&exposed(&dim, &photo, width), width);
+        let right = right_half(&photo, width).1;
         assert_eq!((w, exposed.len(), right.len()), (5, 3 * 5 * height, 3 * 5 * height));
         assert!(exposed.iter().zip(&right).all(|(a, b)| (a - b).abs() < 2e-3));
         // Nothing to fit on: the colours stay unchanged.
-        assert_eq!(right_halves(&photo[..3], &photo[..3], 1).1, photo[..3]);
+        assert_eq!(right_half(&super::exposed(&photo[..3], &photo[..3], 1), 1).1, photo[..3]);
         let flat = vec![0.5; 3 * width * height];
-        assert!(right_halves(&flat, &photo, width).1.iter().all(|v| v.is_finite()));
+        assert!(super::exposed(&flat, &photo, width).iter().all(|v| v.is_finite()));
     }
 }

@@ -4,6 +4,7 @@ use super::prune::PruneRecord;
 use crate::effects::Decision;
 use crate::gpu::TunedDevice;
 use crate::metrics::Scores;
+use crate::pipeline::evaluate::CameraErrors;
 use crate::pipeline::floaters::FloaterCounts;
 use crate::scene::Skipped;
 use crate::train::method::Cut;
@@ -33,6 +34,8 @@ pub struct RunRecord {
     pub train: TrainScores,
     /// Scores of each held-out view.
     pub views: Vec<ViewScores>,
+    /// Errors of the held-out views' cameras; null without any.
+    pub camera_errors: Option<CameraErrors>,
     /// Pictures per second at the test views' size, rendering alone.
     pub frames_per_second: Option<f64>,
     /// Bytes of `model.ply`, or of the file that was evaluated.

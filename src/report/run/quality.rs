@@ -1,7 +1,7 @@
 //! PSNR and number of Gaussians over the run.
 
 use crate::pipeline::records::{CurvePoint, PruneRecord, RunRecord};
-use crate::report::format::percent;
+use crate::report::format::{decimals, percent};
 use crate::report::page::{absent, side_by_side};
 use crate::report::plot::{Axis, Line, Lines, Mark};
 use maud::{Markup, html};
@@ -43,9 +43,23 @@ pub fn body(results: &RunRecord) -> Markup {
             best.iteration, best.psnr
         )
     });
+    // Pictures that are equal to their photos have an infinite PSNR.
+    let finite = results.camera_errors.filter(|errors| errors.fitted_psnr.is_finite());
+    let cameras = finite.map(|errors| {
+        format!(
+            "Moved by {} pixels (median of {}), the cameras of held-out views fit {} dB better: {} instead of {} dB on every \
+             other square of 8 × 8 pixels, after a fit to the rest.",
+            decimals(errors.pixels, 2),
+            errors.views,
+            decimals(errors.fitted_psnr - errors.psnr, 2),
+            decimals(errors.fitted_psnr, 2),
+            decimals(errors.psnr, 2)
+        )
+    });
     html! {
         (side_by_side(&[psnr.draw(), gaussians.draw()]))
         @if let Some(past) = past { p { (past) } }
+        @if let Some(cameras) = cameras { p { (cameras) } }
     }
 }
 
