@@ -42,7 +42,7 @@ pub(super) struct Posing {
     /// Pairs of photos that COLMAP compares
     #[arg(long, value_name = "auto|sequential|exhaustive", default_value = "auto", value_parser = values::one_of::<Matching>("a way of matching"), help_heading = "Poses")]
     matching: Matching,
-    /// Largest number of frames to take from a video, at most two a second
+    /// Largest number of frames to take from a video, at most two a second (60 if it is short)
     #[arg(long, value_name = "N", default_value_t = 150, help_heading = "Poses", value_parser = clap::value_parser!(u32).range(3..=100_000))]
     frames: u32,
     /// The photos come from a rig: each camera has a folder, and photos taken at the same time have the same name. Needs COLMAP

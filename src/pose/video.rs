@@ -9,8 +9,10 @@ use std::path::Path;
 
 const FFMPEG: &str = "ffmpeg";
 const FFPROBE: &str = "ffprobe";
-/// Most frames to take from a second.
+/// Most frames to take from a second of a long video.
 const PER_SECOND: f64 = 2.0;
+/// Frames to take from a short one, in which the camera moves further in a second, if it has three times as many.
+const FEWEST: usize = 60;
 /// Least distance of two chosen frames, in windows.
 const APART: f64 = 0.3;
 /// Frames per second of a video that does not say.
@@ -49,8 +51,7 @@ pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn 
             watcher.posing(WATCHED, sharpness.len(), facts.frames.max(sharpness.len()));
         }
     })?;
-    let windows = most.min((sharpness.len() as f64 / facts.rate * PER_SECOND).ceil() as usize);
-    let chosen = choose(&sharpness, windows);
+    let chosen = choose(&sharpness, windows(sharpness.len(), facts.rate, most));
     let unwritten = |source| Error::Write { path: folder.images(), source };
     if chosen.is_empty() {
         return Ok(Vec::new());
@@ -132,6 +133,12 @@ fn laplacian_variance(Grey { width, pixels }: &Grey) -> f64 {
     squares as f64 / f64::from(n.max(1)) - mean * mean
 }
 
+/// Number of frames to take from a video of `frames` frames, `rate` in a second, and at most `most`.
+fn windows(frames: usize, rate: f64, most: usize) -> usize {
+    let by_time = (frames as f64 / rate * PER_SECOND).ceil() as usize;
+    most.min(by_time.max(FEWEST.min(frames / 3)))
+}
+
 /// The sharpest frame of each of a number of equal windows, in order; never two close to each other. A frame is compared with
 /// the median of a window around it, so that what the camera shows matters less.
 fn choose(sharpness: &[f64], windows: usize) -> Vec<usize> {
@@ -159,6 +166,13 @@ fn choose(sharpness: &[f64], windows: usize) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn short_videos_give_more_frames_a_second() {
+        let [long, orbit, blink] = [5400, 300, 60].map(|frames| windows(frames, 30.0, 150));
+        assert_eq!((long, orbit, blink), (150, 60, 20));
+        assert_eq!((windows(1800, 30.0, 150), windows(300, 30.0, 24), windows(0, 30.0, 150)), (120, 24, 0));
+    }
 
     #[test]
     fn the_sharpest_frame_of_every_window_is_chosen() {

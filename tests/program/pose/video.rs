@@ -45,12 +45,12 @@ fn the_sharp_frames_of_a_video_are_chosen() {
     encode(&frames.join("%04d.png"), "10", &MPEG4, &stage.path("a: walk.mp4"));
 
     // The script places no photo: only the choice is looked at.
-    end(&mut stage.program(&["pose", "a: walk.mp4", "-o", "scene"])).with(3, &["0 of 12 photos"]);
+    end(&mut stage.program(&["pose", "a: walk.mp4", "-o", "scene"])).with(3, &["0 of 20 photos"]);
     let chosen: Vec<usize> = sorted(&stage.path("scene/images"))
         .iter()
         .map(|path| path.file_stem().unwrap().to_str().unwrap().strip_prefix("frame_").unwrap().parse().unwrap())
         .collect();
-    assert_eq!(chosen.len(), 12, "two a second: {chosen:?}");
+    assert_eq!(chosen.len(), 20, "a third of a short video: {chosen:?}");
     let sharp = chosen.iter().filter(|i| *i % 3 == 1).count();
     assert!(sharp * 100 >= 95 * chosen.len(), "{sharp} sharp frames among {chosen:?}");
     // Each is the frame that its name says.
