@@ -144,7 +144,8 @@ class Model:
         """The Gaussians selected by a mask (n,) of bools, or by indices, in their order."""
 
 def merge(models: Sequence[Model]) -> Model:
-    """Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model."""
+    """Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model, unless another one's is
+    much nearer to all."""
 
 class Camera:
     """A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).

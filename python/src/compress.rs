@@ -69,7 +69,18 @@ pub fn compress<'py>(
     let usual = VirtualCameras::default();
     let cameras =
         VirtualCameras { views: views.unwrap_or(usual.views), size: picture_size.unwrap_or(usual.size), ..usual };
+    if let Some(psnr) = psnr.filter(|psnr| !(5.0..=100.0).contains(psnr)) {
+        return Err(wrong(format!("psnr={psnr}: give one from 5 to 100 dB")));
+    }
+    if picture_size.is_some_and(|(width, height)| width == 0 || height == 0) {
+        return Err(wrong("picture_size: give 1 pixel or more each"));
+    }
     config.views = match &scene {
+        Some(_) if views.is_some() || picture_size.is_some() => {
+            return Err(wrong(
+                "views and picture_size are of the model's own pictures, which a scene's photos replace",
+            ));
+        }
         Some(scene) => {
             let resolution = resolution.map(|r| r.0);
             ViewSource::Photos(RunConfig { resolution, ..RunConfig::of(scene.clone(), Preset::default()) }.selection())

@@ -2,8 +2,8 @@
 
 use crate::errors::{raised, wrong};
 use crate::model::Model;
-use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted};
-use engine::gaussians::Gaussians;
+use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted, common_origin};
+use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
@@ -67,7 +67,9 @@ impl Model {
     }
 
     /// Drops the bands above this SH degree.
-    fn with_degree(&self, py: Python<'_>, degree: usize) -> PyResult<Self> {
+    fn with_degree(&self, py: Python<'_>, degree: i64) -> PyResult<Self> {
+        let within = usize::try_from(degree).ok().filter(|degree| *degree <= MAX_SH_DEGREE);
+        let degree = within.ok_or_else(|| wrong(format!("degree={degree}: give one from 0 to {MAX_SH_DEGREE}")))?;
         self.edited(py, Edit::ShDegree(degree))
     }
 
@@ -92,7 +94,8 @@ impl Model {
     fn remove(&self, py: Python<'_>, kind: &str, ratio: f64) -> PyResult<Self> {
         let unwanted = match kind {
             "invisible" => Unwanted::Invisible,
-            "needles" => Unwanted::Needles(ratio),
+            "needles" if ratio >= 1.0 => Unwanted::Needles(ratio),
+            "needles" => return Err(wrong(format!("ratio={ratio}: give one of 1 or more"))),
             other => {
                 return Err(wrong(format!("{other:?} is no kind to remove: there are \"invisible\" and \"needles\"")));
             }
@@ -128,7 +131,8 @@ impl Model {
     }
 }
 
-/// Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model.
+/// Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model, unless another one's is
+/// much nearer to all.
 #[pyfunction]
 pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     let models: Vec<&Model> = models.iter().map(Bound::get).collect();
@@ -136,12 +140,13 @@ pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     if models.iter().any(|other| other.mode != first.mode) {
         return Err(wrong("anti-aliased models and others cannot be one: they are drawn differently"));
     }
-    let merged = py.detach(|| {
-        let mut all = Gaussians::default();
+    let (merged, origin) = py.detach(|| {
+        let own: Vec<_> = models.iter().map(|model| (&*model.inner, model.origin)).collect();
+        let (mut all, origin) = (Gaussians::default(), common_origin(&own));
         for model in &models {
-            all.append(&model.counted_from(first.origin));
+            all.append(&model.counted_from(origin));
         }
-        all
+        (all, origin)
     });
-    Ok(first.like(merged))
+    Ok(Model { origin, ..first.like(merged) })
 }

@@ -58,6 +58,14 @@ pub fn number<T: TryFrom<i64>>(name: &str, value: i64, least: i64) -> PyResult<T
         .ok_or_else(|| wrong(format!("{name}={value}: give {least} or more")))
 }
 
+/// A colour of red, green and blue in [0, 1].
+pub fn colour(background: [f32; 3]) -> PyResult<[f32; 3]> {
+    if background.iter().all(|c| (0.0..=1.0).contains(c)) {
+        return Ok(background);
+    }
+    Err(wrong(format!("background={background:?}: give red, green and blue from 0 to 1")))
+}
+
 /// An exception for a value that makes no sense.
 pub fn wrong(what: impl Into<String>) -> PyErr {
     PyValueError::new_err(what.into())

@@ -2,11 +2,13 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{number, wrong};
+use crate::errors::{colour, number, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
+use engine::gaussians::Gaussians;
 use engine::metrics::Networks;
 use engine::pipeline::eval::{self, Evaluation};
+use engine::pipeline::place::align;
 use engine::pipeline::{Error, Preset, RunConfig, Session};
 use engine::render::Style;
 use pyo3::prelude::*;
@@ -32,6 +34,10 @@ pub fn evaluate<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let (model, original) = (model.get(), against.map(Bound::get));
     let style = Style::of(model.mode);
+    let background = background.map(colour).transpose()?;
+    if original.is_some() && resolution.is_some() {
+        return Err(wrong("resolution is that of a scene's photos"));
+    }
     let device = or_usual(py, device)?;
     let follower = Follower::new(None, on_progress);
     let networks = Networks::find(None).map_err(|e| crate::errors::raised(Error::from(e)))?;
@@ -51,7 +57,8 @@ pub fn evaluate<'py>(
         (None, Some(original)) => {
             let background = background.unwrap_or([0.0; 3]);
             let held_out = py.detach(|| {
-                let moved = model.counted_from(original.origin);
+                let mut moved = Gaussians::clone(&model.inner);
+                align(&mut moved, [model.origin, original.origin], &original.inner);
                 eval::against(&session, [(&moved, style), (&original.inner, Style::of(original.mode))], background)
             });
             let held_out = follower.result(held_out)?;

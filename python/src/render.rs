@@ -2,7 +2,7 @@
 
 use crate::arrays::matrix;
 use crate::device::{Device, or_usual};
-use crate::errors::{number, raised, wrong};
+use crate::errors::{colour, number, raised, wrong};
 use crate::model::Model;
 use engine::gaussians::Gaussians;
 use engine::gaussians::outline::outline;
@@ -45,9 +45,9 @@ impl Camera {
         near: Option<f32>,
     ) -> PyResult<Self> {
         let k: [[f64; 3]; 3] = matrix(k, "K")?;
-        let pose: [[f64; 4]; 3] = match matrix::<4, 4>(world_to_camera, "world_to_camera") {
-            Ok([a, b, c, _]) => [a, b, c],
-            Err(_) => matrix(world_to_camera, "world_to_camera")?,
+        let (pose, last): ([[f64; 4]; 3], _) = match matrix::<4, 4>(world_to_camera, "world_to_camera") {
+            Ok([a, b, c, last]) => ([a, b, c], last),
+            Err(_) => (matrix(world_to_camera, "world_to_camera")?, [0.0, 0.0, 0.0, 1.0]),
         };
         let rows = pose.map(|row| DVec3::new(row[0], row[1], row[2]));
         let rotation = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
@@ -55,7 +55,12 @@ impl Camera {
         if !(off.to_cols_array().iter().all(|x| x.abs() < 1e-4) && rotation.determinant() > 0.0) {
             return Err(wrong("world_to_camera does not begin with a rotation"));
         }
-        if k[0][1] != 0.0 || !(k[0][0] > 0.0 && k[1][1] > 0.0 && k.as_flattened().iter().all(|x| x.is_finite())) {
+        if !matches!(last, [0.0, 0.0, 0.0, 1.0]) {
+            return Err(wrong("the last row of world_to_camera should be 0, 0, 0, 1"));
+        }
+        let [[fx, skew, _], [below, fy, _], [left, under, one]] = k;
+        let usual = [skew, below, left, under, one - 1.0].iter().all(|x| *x == 0.0);
+        if !(usual && fx > 0.0 && fy > 0.0 && k.as_flattened().iter().all(|x| x.is_finite())) {
             return Err(wrong("K should be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0"));
         }
         Self::checked(
@@ -136,6 +141,9 @@ impl Camera {
         }
         if !(inner.translation.is_finite() && inner.rotation.is_finite() && inner.principal.is_finite()) {
             return Err(wrong("a camera's place and direction should be finite numbers"));
+        }
+        if let Some(near) = near.filter(|near| !(near.is_finite() && *near > 0.0)) {
+            return Err(wrong(format!("near={near}: give a finite distance above 0")));
         }
         Ok(Self { inner, near })
     }
@@ -242,7 +250,7 @@ impl Renderer {
             place.whole.then(|| Resident::upload(&device, &model).map_err(Error::from)).transpose()
         });
         let resident = resident.map_err(raised)?;
-        Ok(Self { device, model, resident, settings: style.over(background), brushes: Mutex::default() })
+        Ok(Self { device, model, resident, settings: style.over(colour(background)?), brushes: Mutex::default() })
     }
 
     /// A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose

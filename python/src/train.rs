@@ -5,9 +5,11 @@ use crate::device::{Device, or_usual};
 use crate::errors::{number, share, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
+use engine::effects::{Choice, Effect};
 use engine::gaussians::formats;
 use engine::metrics::Networks;
 use engine::pipeline::config::Pruning;
+use engine::pipeline::earlier::{self, Earlier};
 use engine::pipeline::{Error, Output, Preset, RunConfig, Session, run};
 use engine::qirf::select::budget::Keep;
 use pyo3::prelude::*;
@@ -32,6 +34,16 @@ pub struct Run {
     folder: Option<PathBuf>,
 }
 
+/// Keys of config.toml that the scene decides on, unless they are given.
+const ASKED: [(&str, Effect); 6] = [
+    ("antialias", Effect::Antialias),
+    ("depth_order", Effect::DepthOrder),
+    ("exposure", Effect::Exposure),
+    ("poses", Effect::Poses),
+    ("dropout", Effect::Dropout),
+    ("depth_loss", Effect::Depth),
+];
+
 /// Takes an option out of them, in Rust's type.
 fn taken<T: serde::de::DeserializeOwned>(options: &mut Map<String, Value>, name: &str) -> PyResult<Option<T>> {
     let Some(value) = options.shift_remove(name).filter(|value| !value.is_null()) else { return Ok(None) };
@@ -43,6 +55,15 @@ fn configuration(scene: PathBuf, preset: &str, mut options: Map<String, Value>) 
     let preset: Preset = serde_json::from_value(preset.into()).map_err(|e| wrong(format!("preset: {e}")))?;
     let mut config = RunConfig::of(scene, preset);
     config.schedule = preset.schedule(taken(&mut options, "iterations")?);
+    // In config.toml these keys tell what was decided; here they ask for it.
+    for (name, effect) in ASKED {
+        if let Some(on) = taken::<bool>(&mut options, name)? {
+            config.effects.set(effect, if on { Choice::On } else { Choice::Off });
+        }
+    }
+    if let Some(degree) = options.get("sh_degree").and_then(Value::as_u64) {
+        config.effects.set(Effect::ViewDependence, if degree > 0 { Choice::On } else { Choice::Off });
+    }
     let effects: Option<Vec<String>> = taken(&mut options, "effects")?;
     for effect in effects.iter().flatten() {
         let (effect, choice) = engine::effects::Overrides::parse(effect).map_err(wrong)?;
@@ -120,20 +141,24 @@ pub fn train(
     let follower = Follower::new(on_step, on_progress);
     let done = py.detach(|| -> Result<_, Error> {
         let output = Output::new(&folder)?;
-        if !resume && output.checkpoint().exists() {
+        let found = Earlier::of(&output);
+        if !resume && found == Earlier::Interrupted {
             return Err(Error::Unfinished(output.checkpoint()));
+        }
+        if resume && found != Earlier::Nothing {
+            earlier::check(&output, &config)?;
         }
         let networks = Networks::find(None)?;
         let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
-        let record = run::run(&session, &config, &output, resume)?;
-        let loaded = formats::read(&output.model())?;
-        let path = output.log();
-        let log = std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source })?;
-        Ok((record, loaded, log))
+        if !(resume && found == Earlier::Finished) {
+            run::run(&session, &config, &output, resume)?;
+        }
+        let text = |path: PathBuf| std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source });
+        Ok((text(output.metrics())?, formats::read(&output.model())?, text(output.log())?))
     });
     let (record, loaded, log) = follower.result(done)?;
-    let log: Vec<Value> =
-        log.lines().map(serde_json::from_str).collect::<Result<_, _>>().map_err(|e| wrong(e.to_string()))?;
+    let json = |text: &str| serde_json::from_str::<Value>(text).map_err(|e| wrong(e.to_string()));
+    let (record, log) = (json(&record)?, log.lines().map(json).collect::<PyResult<Vec<Value>>>()?);
     Ok(Run {
         model: Py::new(py, Model::from(loaded))?,
         record: dictionary(py, &record)?.unbind(),

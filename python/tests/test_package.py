@@ -152,6 +152,18 @@ def test_errors_have_their_kinds(ring, tmp_path):
         "radius above 0": lambda: ring.crop_ball((0, 0, 0), -1),
         "no inside": lambda: ring.crop_box((1, 1, 1), (-1, 2, 2)),
         "opacity=2": lambda: ring.min_opacity(2),
+        "degree=-1": lambda: ring.with_degree(-1),
+        "degree=4": lambda: ring.with_degree(4),
+        "ratio=0": lambda: ring.remove("needles", ratio=0),
+        "psnr=500": lambda: qirf_vk.compress(ring, psnr=500, output=tmp_path / "x.sog"),
+        "picture_size": lambda: qirf_vk.compress(ring, picture_size=(0, 3)),
+        "views and picture_size": lambda: qirf_vk.compress(ring, views=4, scene=tmp_path),
+        "resolution is that of": lambda: qirf_vk.evaluate(ring, against=ring, resolution=20),
+        "background=": lambda: qirf_vk.Renderer(ring, background=(2, 0, 0)),
+        "K should be": lambda: qirf_vk.Camera(np.diag([9, 9, 2]), np.eye(4), (4, 4)),
+        "last row": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.diag([1, 1, 1, 2]), (4, 4)),
+        "near=0": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), (4, 4), near=0),
+        "near=NaN": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), (4, 4), near=np.nan),
     }
     for text, call in wrong.items():
         with pytest.raises(ValueError, match=text):
@@ -223,6 +235,11 @@ def test_edits_make_new_models(ring):
     assert (ring.select(before[:, 0] > 0).means == before[before[:, 0] > 0]).all()
     assert (ring.select([3, 1]).means == before[[3, 1]]).all()
     assert len(qirf_vk.merge([ring, moved])) == 2 * n and len(ring.morton_order()) == n
+    far = qirf_vk.Model.from_arrays(ring.means + np.float32([5e5, 4e6, 0]), ring.log_scales, ring.rotations, ring.opacity_logits, ring.sh)
+    utm = (500_000.0, 4_000_000.0, 0.0)
+    local = qirf_vk.Model.from_arrays(ring.means, ring.log_scales, ring.rotations, ring.opacity_logits, ring.sh, origin=utm)
+    both = qirf_vk.merge([far, local])
+    assert both.origin == utm and (both.means[n:] == ring.means).all()
     assert len(ring.min_opacity(0)) == n and len(ring.max_size(1e9)) == n and len(ring.remove("invisible")) <= n
     with pytest.raises(ValueError):
         ring.remove("ugly")
@@ -237,6 +254,14 @@ def test_training_is_the_programs(scene, trained, tmp_path):
     record = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert trained.record["test"] == record["test"] and trained.record["gaussians"] == record["gaussians"]
     assert trained.log[-1]["iteration"] == 120 and trained.folder is None
+    program("run", scene, "-o", tmp_path / "styled", "--iterations", 20, "--antialias", "--sh-degree", 1)
+    styled = qirf_vk.train(scene, iterations=20, antialias=True, sh_degree=1, output=tmp_path / "again")
+    assert styled.model.antialiased
+    assert (tmp_path / "again" / "model.ply").read_bytes() == (tmp_path / "styled" / "model.ply").read_bytes()
+    options = {"antialias": True, "sh_degree": 1, "output": tmp_path / "again", "resume": True}
+    assert qirf_vk.train(scene, iterations=20, **options).record == styled.record
+    with pytest.raises(ValueError, match="schedule.iterations was 20, is 21"):
+        qirf_vk.train(scene, iterations=21, **options)
     steps = []
     dense = qirf_vk.train(scene, iterations=40, prune=False, output=tmp_path / "dense", on_step=steps.append)
     assert steps == dense.log and dense.folder is not None and (Path(dense.folder) / "config.toml").exists()

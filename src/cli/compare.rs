@@ -5,7 +5,7 @@ use super::console::Console;
 use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
-use super::{Global, tell_of_missing};
+use super::{Global, holds_run, tell_of_missing};
 use crate::lab::compare::{Arm, CompareRecord, arms_help, compare, compare_seeds, of_seeds, write_page};
 use crate::pipeline::Error;
 use crate::pipeline::config::{PruneRule, Pruning};
@@ -112,6 +112,9 @@ impl Arguments {
 
     /// Refuses to lose an interrupted comparison, and to continue one with other options, before any work.
     fn check_earlier(&self, config: &RunConfig) -> Result<(), Error> {
+        if self.output.join("model.ply").exists() {
+            return Err(holds_run(&self.output));
+        }
         for (config, folder) in of_seeds(config, self.seeds, &self.output) {
             let output = Output::new(&folder)?;
             // A finished comparison keeps its checkpoint.

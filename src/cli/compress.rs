@@ -173,7 +173,7 @@ impl Arguments {
         if self.sh_bits.is_some() && self.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("spz")) {
             return Err(Error::Usage("--sh-bits applies only to SPZ: name an .spz file".to_owned()));
         }
-        if self.report.as_ref() == Some(&self.output) {
+        if self.report.as_ref().is_some_and(|report| diagnostics::same_file(report, &self.output)) {
             return Err(Error::Usage(format!("{} cannot hold model and report", self.output.display())));
         }
         if self.report.is_some() && self.report == self.diagnostics {

@@ -21,7 +21,7 @@ pub(super) fn file(text: &str) -> Result<PathBuf, String> {
 }
 
 /// Whether two paths have the same name in the same folder, whether or not a file is there.
-fn same_file(a: &Path, b: &Path) -> bool {
+pub(super) fn same_file(a: &Path, b: &Path) -> bool {
     let [of_a, of_b] = [a, b].map(|path| path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")));
     a.file_name() == b.file_name() && same_place(of_a, of_b)
 }

@@ -6,7 +6,7 @@ use super::scratch::Scratch;
 use super::show::Show;
 use super::style;
 use super::values;
-use super::{Global, check_folder, tell_of_missing};
+use super::{Global, check_folder, holds_run, tell_of_missing};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
 use crate::metrics::{Networks, Scores};
@@ -40,7 +40,7 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Original of the model, before compression, whose pictures replace the photos
-    #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every"])]
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every", "pole_mask"])]
     against: Option<PathBuf>,
     /// Configuration of a run, its config.toml, which names scene, photos and rendering; options on the command line take
     /// precedence
@@ -93,8 +93,7 @@ impl Arguments {
         if let Some(folder) = &self.output {
             check_folder(folder)?;
             if folder.join("config.toml").exists() {
-                let folder = folder.display();
-                return Err(Error::Usage(format!("-o {folder} holds a run and its figures; name another folder")));
+                return Err(holds_run(folder));
             }
         }
         let mut loaded = read_model(&self.model, console)?;

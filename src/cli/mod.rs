@@ -221,6 +221,11 @@ fn check_folder(output: &Path) -> Result<(), Error> {
     Ok(())
 }
 
+/// An error for a folder with a run, whose figures would be overwritten.
+fn holds_run(output: &Path) -> Error {
+    Error::Usage(format!("-o {} holds a run and its figures; name another folder", output.display()))
+}
+
 /// Refuses a folder where a file is to be written, and a file in a folder that is not there.
 fn check_file(output: &Path) -> Result<(), Error> {
     if output.is_dir() {

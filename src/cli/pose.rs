@@ -9,6 +9,9 @@ use crate::scene::photo_folder;
 use clap::Args;
 use std::path::PathBuf;
 
+/// Frames taken from a video, unless told otherwise.
+const FRAMES: u32 = 150;
+
 const EXAMPLES: &str = "Examples:
   qirf-vk pose photos -o scene
   qirf-vk pose walk.mp4 -o scene --frames 200
@@ -43,7 +46,7 @@ pub(super) struct Posing {
     #[arg(long, value_name = "auto|sequential|exhaustive", default_value = "auto", value_parser = values::one_of::<Matching>("a way of matching"), help_heading = "Poses")]
     matching: Matching,
     /// Largest number of frames to take from a video, at most two a second (60 if it is short)
-    #[arg(long, value_name = "N", default_value_t = 150, help_heading = "Poses", value_parser = clap::value_parser!(u32).range(3..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = FRAMES, help_heading = "Poses", value_parser = clap::value_parser!(u32).range(3..=100_000))]
     frames: u32,
     /// The photos come from a rig: each camera has a folder, and photos taken at the same time have the same name. Needs COLMAP
     /// 3.12 or newer. A rig_config.json of COLMAP beside the photos has the same effect
@@ -55,6 +58,12 @@ pub(super) struct Posing {
 }
 
 impl Posing {
+    /// True if an option was given.
+    pub fn asked(&self) -> bool {
+        let Self { poses, matching, frames, rig, panoramas } = self;
+        *poses != Backend::default() || *matching != Matching::default() || *frames != FRAMES || *rig || *panoramas
+    }
+
     /// The options.
     pub fn options(&self) -> Options {
         Options {

@@ -28,6 +28,8 @@ use std::path::{Path, PathBuf};
 
 /// Frames of a path, unless told otherwise.
 const FRAMES: u32 = 240;
+/// Frames per second of a film, unless told otherwise.
+const FPS: f64 = 30.0;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk render flowers.ply --orbit 8 -o pictures
@@ -89,9 +91,9 @@ pub(super) struct Arguments {
     /// Folder for the pictures, created if absent; a film.mp4 of a path, which needs ffmpeg; the .png or .npy file of a panorama
     #[arg(short, long, value_name = "DIR|FILE", help_heading = "Pictures")]
     output: PathBuf,
-    /// Frames per second of a film
-    #[arg(long, value_name = "N", default_value_t = 30.0, value_parser = values::frame_rate, help_heading = "Pictures")]
-    fps: f64,
+    /// Frames per second of a film [default: 30]
+    #[arg(long, value_name = "N", value_parser = values::frame_rate, help_heading = "Pictures")]
+    fps: Option<f64>,
     /// File format
     #[arg(long, default_value = "png", value_parser = values::one_of::<Format>("a picture format"), help_heading = "Pictures")]
     format: Format,
@@ -152,7 +154,9 @@ impl Arguments {
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
         let (drawn, times) = match work {
             Work::Shots(shots) => (shots.len(), render(&session, model, &shots, &config)?),
-            Work::Film(cameras) => (cameras.len(), film(&session, model, (cameras, &config, self.fps), &self.output)?),
+            Work::Film(cameras) => {
+                (cameras.len(), film(&session, model, (cameras, &config, self.fps.unwrap_or(FPS)), &self.output)?)
+            }
             Work::Panorama(panorama) => (6, panorama::draw(&session, &model, (&panorama, &config), &self.output)?),
         };
         if self.depth {
@@ -177,6 +181,12 @@ impl Arguments {
         let refuse = |what: &str| Err(Error::Usage(what.to_owned()));
         if self.frames.is_some() && self.path.is_none() {
             return refuse("--frames needs --path");
+        }
+        if self.at.is_some() && !self.panorama {
+            return refuse("--at needs --panorama");
+        }
+        if self.fps.is_some() && !self.is_film() {
+            return refuse("--fps applies to films: name an .mp4 file with -o");
         }
         let capture = self.path.as_deref() == Some(Path::new("capture"));
         if capture && self.scene.is_none() {

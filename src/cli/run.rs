@@ -115,6 +115,9 @@ impl Arguments {
         let mut watcher = Show::new(console);
         watcher.record(recorder);
         watcher.print_log(self.json_progress);
+        if input.is_none() && self.posing.asked() {
+            console.note("the scene has poses: options of pose estimation have no effect");
+        }
         if let Some(input) = input {
             config = self.posed(config, &input, &output, &watcher, console)?;
         }

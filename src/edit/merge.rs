@@ -3,6 +3,8 @@
 use super::Error;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{Loaded, RenderMode};
+use crate::scene::origin::near;
+use glam::DVec3;
 use std::path::PathBuf;
 
 /// Concatenates several models, with the highest SH degree among them (missing bands are zero), and returns their render mode.
@@ -22,6 +24,31 @@ pub fn merge(models: Vec<(PathBuf, Loaded)>, asked: Option<RenderMode>) -> Resul
         }
     }
     Ok(whole.map_or_else(Default::default, |(all, _, mode)| (all, mode)))
+}
+
+/// The local origin for models with these origins: the first one's, unless another one's is much nearer to all of them.
+pub fn common_origin(models: &[(&Gaussians, [f64; 3])]) -> [f64; 3] {
+    let farthest = |from: [f64; 3]| {
+        let middle = |(model, own): &(&Gaussians, [f64; 3])| box_of(model).0 + DVec3::from(*own) - DVec3::from(from);
+        models.iter().map(|model| middle(model).abs().max_element()).fold(0.0, f64::max)
+    };
+    let first = models.first().map_or([0.0; 3], |(_, origin)| *origin);
+    let others = models.iter().map(|(_, origin)| (farthest(*origin), *origin));
+    let (reach, nearest) = others.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((0.0, first));
+    if reach < 0.1 * farthest(first) { nearest } else { first }
+}
+
+/// The step of float32 in a model's positions, if it lies so far from its origin that the step matters.
+pub fn rounding(model: &Gaussians) -> Option<f64> {
+    let (middle, size) = box_of(model);
+    (near(middle, size) != DVec3::ZERO).then(|| f64::from(f32::EPSILON) * middle.abs().max_element())
+}
+
+/// The middle of a model's box, and the length of its diagonal.
+fn box_of(model: &Gaussians) -> (DVec3, f64) {
+    let (low, high) = model.bounds().unwrap_or_default();
+    let [low, high] = [low, high].map(|corner| DVec3::from(corner.map(f64::from)));
+    (low.midpoint(high), low.distance(high))
 }
 
 #[cfg(test)]

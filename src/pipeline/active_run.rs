@@ -44,7 +44,7 @@ impl<'a> ActiveRun<'a> {
     /// Starts a run, or continues from a snapshot.
     ///
     /// # Errors
-    /// Device memory; device errors; cameras that leave no room for random points.
+    /// Device memory; device errors; cameras that leave no room for random points; [`Error::OtherRun`] for a snapshot of other photos.
     pub fn start(setup: &'a Setup<'a>, config: &'a RunConfig, output: &'a Output, start: Start) -> Result<Self, Error> {
         let Setup { session, prepared, .. } = setup;
         let device = session.device;
@@ -68,17 +68,20 @@ impl<'a> ActiveRun<'a> {
             pairs: pair_capacity::initial(session.device, gaussians),
         };
         let views = prepared.train.clone();
-        let config_text = config.written()?;
+        let (config_text, photos) = (config.written()?, prepared.names_to_train());
         let (trainer, notes) = if let Start::Resumed(checkpoint) = start {
             let Checkpoint { snapshot, notes } = *checkpoint;
+            if let Some(change) = notes.other_photos(&photos) {
+                return Err(Error::OtherRun { folder: output.folder().to_owned(), changes: vec![change] });
+            }
             let options = options(snapshot.model.len());
             let trainer = Trainer::resume(device, &snapshot, views, prepared.extent, options)?;
-            (trainer, RunNotes { config: config_text, ..notes })
+            (trainer, RunNotes { config: config_text, photos, ..notes })
         } else {
             let model = initialise(config, prepared, start)?;
             let initial = model.len();
             let trainer = Trainer::new(device, &model, views, prepared.extent, options(initial))?;
-            let none = RunNotes { config: config_text, curve: Vec::new(), prunes: Vec::new(), seconds: 0.0, initial };
+            let none = RunNotes { config: config_text, initial, photos, ..RunNotes::default() };
             (trainer, none)
         };
         // Starts empty and grows on demand; runs in blocks never use it.

@@ -22,6 +22,8 @@ pub struct RunNotes {
     pub seconds: f64,
     /// Gaussians at the start.
     pub initial: usize,
+    /// Names of the training photos; none in checkpoints of earlier versions.
+    pub photos: Vec<String>,
 }
 
 impl RunNotes {
@@ -33,9 +35,23 @@ impl RunNotes {
             ("prunes", serde_json::to_string(&self.prunes)?),
             ("seconds", serde_json::to_string(&self.seconds)?),
             ("initial", serde_json::to_string(&self.initial)?),
+            ("photos", serde_json::to_string(&self.photos)?),
         ]
         .map(|(name, text)| (name.to_owned(), text))
         .into())
+    }
+
+    /// The difference of the training photos from those of the run so far, if there is one: its state belongs to them.
+    pub fn other_photos(&self, names: &[String]) -> Option<String> {
+        if self.photos.is_empty() || self.photos == names {
+            return None;
+        }
+        let only = |of: &[String], other: &[String]| of.iter().find(|name| !other.contains(name)).cloned();
+        let (lost, new) = (only(&self.photos, names), only(names, &self.photos));
+        let lost = lost.map(|name| format!("; {name} is missing"));
+        let new = new.map(|name| format!("; {name} is new"));
+        let [lost, new] = [lost, new].map(Option::unwrap_or_default);
+        Some(format!("photos to train on were {}, are {}{lost}{new}", self.photos.len(), names.len()))
     }
 
     /// Reads the notes of a snapshot. The error names the one that is missing, unknown or unreadable.
@@ -50,8 +66,9 @@ impl RunNotes {
             prunes: json("prunes", text("prunes")?)?,
             seconds: json("seconds", text("seconds")?)?,
             initial: json("initial", text("initial")?)?,
+            photos: notes.get("photos").map_or(Ok(Vec::new()), |text| json("photos", text))?,
         };
-        let known = ["config", "curve", "prunes", "seconds", "initial"];
+        let known = ["config", "curve", "prunes", "seconds", "initial", "photos"];
         match notes.keys().find(|name| !known.contains(&name.as_str()) && !OWN_NOTES.contains(&name.as_str())) {
             Some(name) => Err(format!("the note '{name}' is unknown")),
             None => Ok(read),
@@ -123,6 +140,17 @@ mod tests {
         assert_eq!((notes.initial, notes.seconds, notes.prunes[0].after), (900, 3.0, 655));
         assert_eq!(notes.curve[0].psnr, f64::INFINITY, "JSON has no infinity");
         assert_eq!(RunNotes::from_text(&notes.to_text().unwrap()), Ok(notes));
+    }
+
+    #[test]
+    fn other_photos_are_named() {
+        let names = |list: &[&str]| list.iter().map(|name| (*name).to_owned()).collect::<Vec<String>>();
+        let notes = RunNotes { photos: names(&["a", "b"]), ..RunNotes::default() };
+        let told = |list: &[&str]| notes.other_photos(&names(list)).unwrap_or_default();
+        assert_eq!(told(&["a", "b"]), "");
+        assert_eq!(told(&["a"]), "photos to train on were 2, are 1; b is missing");
+        assert_eq!(told(&["a", "c"]), "photos to train on were 2, are 2; b is missing; c is new");
+        assert_eq!(RunNotes::default().other_photos(&names(&["a"])), None, "an earlier version's");
     }
 
     #[test]

@@ -43,8 +43,8 @@ pub fn eval(
     let Session { device, networks, watcher, .. } = *session;
     let Evaluation { selection, style, exposure } = evaluation;
     let opened = open(selection)?;
-    let pictures = output.map(|output| output.renders().join("picture.png"));
-    refuse_photo_folders(&opened.scene, pictures.iter())?;
+    let written = output.map(|output| [output.metrics(), output.renders().join("picture.png")]);
+    refuse_photo_folders(&opened.scene, written.iter().flatten())?;
     let place = budget::for_pictures(device, model, opened.size(), *style)?;
     let elsewhere = std::env::temp_dir();
     let folder = output.map_or(elsewhere.as_path(), Output::folder);

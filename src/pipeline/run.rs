@@ -20,8 +20,7 @@ pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: b
     }
     let device = tuned(session, config, output, resume)?;
     let session = &Session { device: &device, ..*session };
-    let (mut setup, start) = Setup::load(session, config, output, resume)?;
-    setup.prepared = setup.prepared.in_usual_unit();
+    let (setup, start) = Setup::load(session, config, output, resume)?;
     setup.write_config(&start, output)?;
     let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
     run.log()?;

@@ -65,6 +65,7 @@ impl<'a> Setup<'a> {
         let limit = schedule.growth.and_then(|plan| plan.limit(&pixels, schedule.iterations));
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
         let (decisions, gains) = effects::decide(&prepared, config)?;
+        let prepared = prepared.in_usual_unit();
         watcher.note(&effects::summary(&decisions));
         if let Some(note) = limit {
             watcher.note(&note);

@@ -102,6 +102,7 @@ pub(super) fn load(
     let done = AtomicUsize::new(0);
     // A damaged photo fails alone; a full disk ends everything.
     let load_one = |at: usize, source: Result<&mut Source, Error>| {
+        let even = source.as_ref().is_ok_and(|source| source.even && views[at].face.is_none());
         let decoded = source.map(|source| source.view(views[at], options.resize));
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
         Ok(match decoded {
@@ -114,17 +115,17 @@ pub(super) fn load(
                 (
                     Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None }),
                     transparent,
-                    [no_mask, hidden],
+                    [no_mask, hidden, even],
                 )
             }
-            Err(damaged) => (Err(damaged), 0.0, [false; 2]),
+            Err(damaged) => (Err(damaged), 0.0, [false; 3]),
         })
     };
     // A photo that was cut is decoded once.
     let groups: Vec<&[&View]> = views.chunk_by(|a, b| a.face.is_some() && a.image == b.image).collect();
     let firsts = groups.iter().scan(0, |next, group| Some(std::mem::replace(next, *next + group.len())));
     let firsts: Vec<usize> = firsts.collect();
-    let loaded: Vec<(Result<Photo, Error>, f64, [bool; 2])> = groups
+    let loaded: Vec<(Result<Photo, Error>, f64, [bool; 3])> = groups
         .par_iter()
         .zip(firsts)
         .flat_map_iter(|(group, first)| {
@@ -156,7 +157,7 @@ pub(super) fn load(
         return Ok(again);
     }
     let without_mask = (0..loaded.len()).filter(|at| loaded[*at].2[0]).collect();
-    let hidden = loaded.iter().filter(|(.., [_, hidden])| *hidden).count();
+    let [hidden, even] = [1, 2].map(|of| loaded.iter().filter(|(.., flags)| flags[of]).count());
     let mut photos: Vec<_> = loaded.into_iter().map(|(photo, ..)| photo).collect();
     let alpha_role = AlphaRole::of(photos.iter().flatten());
     photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
@@ -165,7 +166,9 @@ pub(super) fn load(
     let hidden = (hidden > 0).then(|| {
         format!("{} hidden as a whole by their masks: what is black in a mask does not count", counted(hidden, "photo"))
     });
-    let notes = notes.into_iter().chain(hidden).collect();
+    let even =
+        (even > 0).then(|| format!("{} with the same alpha everywhere: taken as opaque", counted(even, "photo")));
+    let notes = notes.into_iter().chain(hidden).chain(even).collect();
     Ok(LoadedPhotos { photos, notes, without_mask })
 }
 
@@ -273,10 +276,16 @@ impl View {
             ));
         }
         let transparent = decoded.color().has_alpha();
-        let pixels = to_bytes(decoded).into_raw();
+        let mut pixels = to_bytes(decoded).into_raw();
+        let first = pixels.get(3).copied().unwrap_or(255);
+        // One alpha throughout says nothing of what is transparent, unless that is all of the photo.
+        let even = transparent && (1..255).contains(&first) && pixels.iter().skip(3).step_by(4).all(|a| *a == first);
+        if even {
+            pixels.iter_mut().skip(3).step_by(4).for_each(|a| *a = 255);
+        }
         let alpha = transparent && pixels.iter().skip(3).step_by(4).any(|&a| a < 255);
         let mask = self.mask.as_deref().map(|path| self.decode_mask(path));
-        Ok(Source { photo: Raster { width, height, pixels }, alpha, mask })
+        Ok(Source { photo: Raster { width, height, pixels }, alpha, even, mask })
     }
 
     fn decode_mask(&self, path: &Path) -> Result<Raster<1>, Error> {
@@ -325,6 +334,8 @@ struct Source {
     photo: Raster<4>,
     /// True if a pixel is not opaque.
     alpha: bool,
+    /// True if all pixels had the same alpha, which does not count.
+    even: bool,
     mask: Option<Result<Raster<1>, Error>>,
 }
 

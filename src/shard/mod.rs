@@ -49,7 +49,7 @@ impl Shard {
     /// Writes plan, task list and Snakefile into `folder`.
     ///
     /// # Errors
-    /// [`Error::Write`]; [`Error::Encode`]; [`Error::Usage`] if the folder holds another plan.
+    /// [`Error::Write`]; [`Error::Encode`]; [`Error::Usage`] if the folder holds anything but this plan.
     pub fn create(plan: &Plan, folder: &Path) -> Result<Self, Error> {
         plan.write(folder)?;
         Self::open(folder)

@@ -91,12 +91,17 @@ impl Plan {
     /// Writes plan, task list and Snakefile.
     ///
     /// # Errors
-    /// [`Error::Write`]; [`Error::Encode`]; [`Error::Usage`] if the folder holds another plan.
+    /// [`Error::Write`]; [`Error::Encode`]; [`Error::Usage`] if the folder holds anything but this plan.
     pub fn write(&self, folder: &Path) -> Result<(), Error> {
-        if let Ok(there) = Self::read(folder)
-            && there != *self
-        {
-            return Err(Error::Usage(format!("{} holds another plan; name an empty or new folder", folder.display())));
+        let what = match Self::read(folder) {
+            Ok(there) if there == *self => None,
+            Ok(_) => Some("holds another plan"),
+            Err(_) => {
+                std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()).then_some("is not empty")
+            }
+        };
+        if let Some(what) = what {
+            return Err(Error::Usage(format!("{} {what}; name an empty or new folder", folder.display())));
         }
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
         let files = self.files(folder);

@@ -231,6 +231,8 @@ impl BlockRun {
             copies.add_to(&mut model, &of_block);
             notes.push(ended);
         }
+        // The joined model is in the scene's unit.
+        let model = model.scaled(if task == JOIN { self.unit } else { 1.0 });
         files.with_model(task, &model, (self.config.style.mode(), self.origin), Joined { blocks: notes })
     }
 

@@ -155,6 +155,16 @@ fn numbers_of_maps_are_those_of_their_type() {
     }
 }
 
+/// A map of 2 x 3 whose file has its columns one after the other, as `numpy.save` writes a transposed array.
+#[test]
+fn maps_may_lie_by_columns() {
+    let text = format!("{:117}\n", "{'descr': '<f4', 'fortran_order': True, 'shape': (2, 3), }");
+    let values = [1.0_f32, 4.0, 2.0, 5.0, 3.0, 6.0].map(f32::to_le_bytes);
+    let file = [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), values.as_flattened()].concat();
+    let map = depth_maps::read::of_bytes(&file, None).unwrap();
+    assert_eq!((map.width, map.height, map.depths), (3, 2, vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
+}
+
 /// Depths of panoramas lie along rays, and each face sees its part of them.
 #[test]
 fn faces_of_a_panorama_see_their_part_of_its_map() {

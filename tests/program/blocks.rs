@@ -120,6 +120,47 @@ fn blocks_of_a_scene_without_photos_held_out_have_figures() {
     assert!(psnr(&figures) > 10.0 && figures["protocol"]["train_views"] == 28, "{figures}");
 }
 
+/// The same capture in kilometres.
+#[test]
+fn blocks_do_not_depend_on_the_unit_of_length() {
+    let stage = Stage::empty();
+    stage.works(&["synth", "m", "--views", "8", "--size", "48x36", "--points", "600"]);
+    let model = |folder: &str| stage.path(folder).join("sparse/0");
+    fs::create_dir_all(model("km")).unwrap();
+    fs::rename(stage.path("m/images"), stage.path("km/images")).unwrap();
+    for (file, columns) in [("cameras.txt", 0..0), ("images.txt", 5..8), ("points3D.txt", 1..4)] {
+        let text = fs::read_to_string(model("m").join(file)).unwrap();
+        let scaled = |line: &str| {
+            let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+            // Lines of observations stay.
+            if !line.starts_with('#') && (file != "images.txt" || line.contains("view_")) {
+                words[columns.clone()].iter_mut().for_each(|word| *word = format!("{word}e-3"));
+            }
+            words.join(" ")
+        };
+        fs::write(model("km").join(file), text.lines().map(scaled).collect::<Vec<_>>().join("\n")).unwrap();
+    }
+    let scored = |scene: &str, folder: &str| {
+        stage.planned(folder, &["run", scene, "--blocks", "2", "--iterations", "60"]);
+        stage.works(&["shard", "all", folder]);
+        psnr(&figures(&stage, folder))
+    };
+    let of_km = scored("km", "b");
+    fs::rename(stage.path("km/images"), stage.path("m/images")).unwrap();
+    let of_m = scored("m", "a");
+    assert!((of_km - of_m).abs() < 1e-3, "{of_km} dB in kilometres, {of_m} dB in metres");
+}
+
+/// A short run's coarse model lacks bands, which some blocks add.
+#[test]
+fn many_blocks_of_a_short_run_fit_together() {
+    let stage = Stage::empty();
+    stage.works(&["synth", "m", "--views", "8", "--size", "48x36", "--points", "600"]);
+    stage.planned("a", &["run", "m", "--blocks", "16", "--iterations", "4"]);
+    stage.works(&["shard", "all", "a"]);
+    assert!(psnr(&figures(&stage, "a")) > 5.0);
+}
+
 #[test]
 fn damaged_blocks_and_lost_photos_are_named() {
     let options = ["--iterations", "60", "--no-prune"];

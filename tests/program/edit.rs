@@ -128,6 +128,28 @@ fn models_are_merged_if_they_are_drawn_alike() {
     assert_eq!(formats::read(&sandbox.path("no.ply")).unwrap().mode, RenderMode::AntiAliased);
 }
 
+/// In map coordinates float32 has steps of half a metre.
+#[test]
+fn merged_models_use_the_origin_that_is_near_them() {
+    let sandbox = Sandbox::new();
+    let utm = [500_000.0, 4_000_000.0, 300.0];
+    let world = |m: [f32; 3]| std::array::from_fn::<f32, 3, _>(|i| (f64::from(m[i]) + utm[i]) as f32);
+    let far = Gaussians { means: model(20).means.into_iter().map(world).collect(), ..model(20) };
+    write(&sandbox, "world.ply", &far, RenderMode::Plain);
+    formats::write_at(&sandbox.path("local.ply"), &model(20), RenderMode::Plain, utm).unwrap();
+    let merged = |first: &str, second: &str| {
+        let said = sandbox.works(&["edit", first, second, "-o", "both.ply"]).said;
+        let loaded = formats::read(&sandbox.path("both.ply")).unwrap();
+        (loaded.gaussians.means, loaded.origin, said.contains("rounded to about"))
+    };
+    let (means, origin, warned) = merged("world.ply", "local.ply");
+    assert!(means[20..] == model(20).means && origin == utm && !warned, "{origin:?}");
+    let (means, origin, warned) = merged("local.ply", "model.ply");
+    assert!(means[..20] == model(20).means && origin == utm && warned, "{origin:?}");
+    let (means, origin, warned) = merged("model.ply", "local.ply");
+    assert!(means[..20] == model(20).means && origin == [0.0; 3] && warned, "{origin:?}");
+}
+
 #[test]
 fn bad_requests_write_nothing_and_say_why() {
     let sandbox = Sandbox::new();
@@ -151,6 +173,8 @@ fn bad_requests_write_nothing_and_say_why() {
     fails(2, &["--crop-box", "1,1,1,0,0,0"], &["--crop-box", "no inside"]);
     fails(2, &["--crop-sphere", "50,0,0,1"], &["leaves no Gaussian", "from -1.0", "nothing was written"]);
     fails(2, &["--outside"], &["--crop-box"]);
+    fails(2, &["--scene", "scene"], &["--remove floaters"]);
+    fails(2, &["--least-views", "2"], &["--crop-views"]);
     fails(2, &["--remove", "dirt"], &["needles"]);
     fails(2, &["--sh-degree", "4"], &["0 to 3"]);
     fails(2, &["--min-opacity", "2"], &["0 to 1"]);

@@ -121,6 +121,11 @@ fn an_interrupted_run_is_not_overwritten_and_other_options_are_named_at_once() {
     let changed = ["--resume", "--seed", "5", "--no-prune"];
     says(&mut command(&scene, &out, &changed), 2, &["seed was 1, is 5", "prune was set, is none", "config.toml"]);
     assert!(before == checkpoint(), "a refused run changes nothing");
+    // Its state belongs to its photos.
+    let (photo, aside) = (scene.join("images/view_0001.png"), folder.path().join("aside.png"));
+    std::fs::rename(&photo, &aside).unwrap();
+    says(&mut command(&scene, &out, &["--resume"]), 2, &["photos to train on were", "view_0001.png is missing"]);
+    std::fs::rename(&aside, &photo).unwrap();
     // Another spelling of the scene is the same run.
     let spelt = folder.path().join("out/../scene/");
     works(&mut command(&spelt, &out, &["--resume"]));
@@ -145,4 +150,15 @@ fn a_finished_run_is_left_as_it_is() {
     let photos = scene.join("images");
     says(&mut command(&scene, &photos, &[]), 2, &["among the scene's own photos"]);
     assert!(!photos.join("config.toml").exists());
+    let mut compare = qirf(["compare".as_ref(), scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);
+    says(&mut compare, 2, &["holds a run and its figures"]);
+    assert_eq!(before, files.map(written));
+    let mut eval = qirf([
+        "eval".as_ref(),
+        out.join("model.ply").as_os_str(),
+        scene.as_os_str(),
+        "-o".as_ref(),
+        photos.as_os_str(),
+    ]);
+    says(&mut eval, 2, &["metrics.json would lie among the scene's own photos"]);
 }

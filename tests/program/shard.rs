@@ -206,6 +206,7 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     fs::copy(a.join("evidence/0000.safetensors"), a.join("evidence/0002.safetensors")).unwrap();
     fs::remove_file(a.join("model.ply")).unwrap();
     stage.refused(3, &["part of evidence/0000"], &["shard", "task", "a", "choose"]);
+    stage.refused(2, &["is not empty"], &["shard", "plan", "compress", "ball.ply", "-o", "."]);
     stage.refused(2, &["holds another plan"], &["shard", "plan", "compress", "ball.ply", "-o", "a", "--keep", "0.4"]);
     stage.refused(2, &["no task"], &["shard", "task", "a", "evidence/0009"]);
     stage.refused(2, &["no task"], &["shard", "task", "a", "dance"]);

@@ -8,7 +8,7 @@ use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style::Rendering;
 use super::{Global, check_file, values};
-use crate::edit::{Editor, Step, merge};
+use crate::edit::{Editor, Step, common_origin, merge, rounding};
 use crate::effects::Overrides;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, RenderMode};
@@ -52,9 +52,9 @@ pub(super) struct Arguments {
     /// Print the removed Gaussians and the reasons as JSON on standard output
     #[arg(long)]
     json: bool,
-    /// Minimum number of cameras that see the centre of a Gaussian, for --crop-views
-    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    least_views: u32,
+    /// Minimum number of cameras that see the centre of a Gaussian, for --crop-views [default: 1]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    least_views: Option<u32>,
     #[command(flatten)]
     operations: Operations,
     /// Scene whose photos show which Gaussians are floaters, for --remove floaters [default: pictures of the model]
@@ -74,12 +74,13 @@ impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         self.check_output()?;
         let operations = self.operations.in_order()?;
+        self.check_operations(&operations)?;
         let mut models = Vec::with_capacity(self.inputs.len());
         for path in &self.inputs {
             models.push((path.clone(), read_model(path, console)?));
         }
         let inputs: Vec<Value> = models.iter().map(|(path, loaded)| input(path, loaded)).collect();
-        let origin = same_origin(&mut models);
+        let origin = same_origin(&mut models, console);
         if origin != [0.0; 3] {
             let [x, y, z] = origin;
             console.note(format_args!(
@@ -129,6 +130,20 @@ impl Arguments {
         check_file(output)
     }
 
+    /// Refuses options of operations that are absent.
+    fn check_operations(&self, operations: &[Asked]) -> Result<(), Error> {
+        let has = |wanted: fn(&Operation) -> bool| operations.iter().any(|asked| wanted(&asked.what));
+        if self.scene.is_some() && !has(|what| matches!(what, Operation::Floaters)) {
+            return Err(Error::Usage(
+                "--scene is for --remove floaters; to crop by cameras, use --crop-views".to_owned(),
+            ));
+        }
+        if self.least_views.is_some() && !has(|what| matches!(what, Operation::Views { .. })) {
+            return Err(Error::Usage("--least-views needs --crop-views".to_owned()));
+        }
+        Ok(())
+    }
+
     fn apply<'e>(
         &self,
         (asked, mode, origin): (&Asked, RenderMode, [f64; 3]),
@@ -138,7 +153,7 @@ impl Arguments {
         let edit = match &asked.what {
             Operation::Edit(edit) => edit.clone(),
             Operation::Views { scene, outside } => {
-                let least = self.least_views as usize;
+                let least = self.least_views.unwrap_or(1) as usize;
                 let scene = open_scene(scene, &OpenOptions::default(), console)?;
                 operations::of_views(&scene, shift_to(editor.model(), origin, &scene), least, *outside)?
             }
@@ -192,11 +207,19 @@ fn tell(console: &Console, step: &Step, model: &Gaussians) -> Result<(), Error> 
     }
 }
 
-/// Lets the means of all models count from where the first one's do.
-fn same_origin(models: &mut [(PathBuf, Loaded)]) -> [f64; 3] {
-    let origin = models.first().map_or([0.0; 3], |(_, first)| first.origin);
-    for (_, loaded) in models {
-        loaded.gaussians.shift(DVec3::from(loaded.origin) - DVec3::from(origin));
+/// Lets the means of all models be relative to one origin.
+fn same_origin(models: &mut [(PathBuf, Loaded)], console: &Console) -> [f64; 3] {
+    let origins: Vec<_> = models.iter().map(|(_, loaded)| (&loaded.gaussians, loaded.origin)).collect();
+    let origin = common_origin(&origins);
+    for (path, loaded) in models {
+        let shift = DVec3::from(loaded.origin) - DVec3::from(origin);
+        loaded.gaussians.shift(shift);
+        if let Some(step) = rounding(&loaded.gaussians).filter(|_| shift != DVec3::ZERO) {
+            console.warn(format_args!(
+                "{} lies far from the origin of the merged model: its positions are rounded to about {step:.1e} units",
+                path.display()
+            ));
+        }
     }
     origin
 }

@@ -32,11 +32,20 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DEG", default_value = "0", value_parser = values::pole)]
     pole_mask: f64,
     /// Write a web page with a scene's points and cameras: held-out cameras are orange, suspect ones red
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = page)]
     html: Option<PathBuf>,
     /// Print one JSON document
     #[arg(long)]
     json: bool,
+}
+
+/// Reads the name of a web page, which no model and no photo has.
+fn page(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension() {
+        Some(extension) if extension.eq_ignore_ascii_case("html") => Ok(path),
+        _ => Err("the name of a page ends in .html".to_owned()),
+    }
 }
 
 impl Arguments {

@@ -3,6 +3,7 @@
 use crate::gaussians::formats::{self, RenderMode};
 use crate::pipeline::Error;
 use crate::pipeline::effects;
+use crate::pipeline::prepare::refuse_photo_folders;
 use crate::scene::{EVAL_EVERY, OpenOptions, Scene, Split, View, rigs};
 use crate::view::alone::{self, PageOptions};
 use crate::view::capture;
@@ -107,6 +108,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
     let errors: Vec<f32> = scene.points.iter().map(|p| p.error).filter(|e| *e > 0.0).collect();
     let doubts = Doubts::of(&scene);
     if let Some(file) = html {
+        refuse_photo_folders(&scene, [file.to_owned()].iter())?;
         page(&scene, &split, &doubts, file)?;
     }
     let tracks: usize = scene.points.iter().map(|p| p.track.len()).sum();

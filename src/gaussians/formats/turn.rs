@@ -1,4 +1,4 @@
-//! Rotation, scaling and translation of Gaussians, including spherical harmonics.
+//! Rotation, reflection, scaling and translation of Gaussians, including spherical harmonics.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -11,14 +11,16 @@ use crate::scene::origin::near;
 const EVEN: f64 = 1e-4;
 
 /// Moves a part of a model to its place in the file's world. Where the first part goes far from the world's origin, all count
-/// from there: `origin` gets that place. False for a map that mirrors, or scales axes by different factors.
+/// from there: `origin` gets that place. False for a map that scales axes by different factors.
 pub(super) fn place(model: &mut Gaussians, map: &DAffine3, origin: &mut Option<DVec3>) -> bool {
+    // Below 0 for a map that mirrors, which is a turn and a reflection through the origin.
     let size = map.matrix3.determinant().cbrt();
     let turn = map.matrix3 * size.recip();
-    if size <= 0.0 || !(turn.transpose() * turn).abs_diff_eq(DMat3::IDENTITY, EVEN) {
+    if size == 0.0 || !(turn.transpose() * turn).abs_diff_eq(DMat3::IDENTITY, EVEN) {
         return false;
     }
-    let far = || near(map.translation, size * middle(&model.means.iter().map(|m| wide(*m)).collect::<Vec<_>>()).1);
+    let far =
+        || near(map.translation, size.abs() * middle(&model.means.iter().map(|m| wide(*m)).collect::<Vec<_>>()).1);
     let from = *origin.get_or_insert_with(|| if far() == DVec3::ZERO { DVec3::ZERO } else { map.translation });
     let shift = map.translation - from;
     if map.matrix3 != DMat3::IDENTITY || shift != DVec3::ZERO {
@@ -44,15 +46,15 @@ fn wide(mean: [f32; 3]) -> DVec3 {
     DVec3::from(mean.map(f64::from))
 }
 
-/// Applies x -> size * turn x + shift.
+/// Applies x -> size * turn x + shift; a `size` below 0 mirrors.
 pub(super) fn similarity(model: &mut Gaussians, size: f64, turn: DQuat, shift: DVec3) {
-    let grown = size.ln();
+    let grown = size.abs().ln();
     let moved = |mean: &mut [f32; 3]| {
         *mean = (turn * (wide(*mean) * size) + shift).to_array().map(|x| x as f32);
     };
     model.means.par_iter_mut().for_each(moved);
     model.log_scales.as_flattened_mut().par_iter_mut().for_each(|s| *s = (f64::from(*s) + grown) as f32);
-    if turn == DQuat::IDENTITY {
+    if turn == DQuat::IDENTITY && size > 0.0 {
         return;
     }
     model.rotations.par_iter_mut().for_each(|q| {
@@ -60,7 +62,8 @@ pub(super) fn similarity(model: &mut Gaussians, size: f64, turn: DQuat, shift: D
         let turned = turn * DQuat::from_xyzw(x, y, z, w);
         *q = [turned.w, turned.x, turned.y, turned.z].map(|c| c as f32);
     });
-    BandRotations::new(DMat3::from_quat(turn)).apply(&mut model.sh);
+    // An ellipsoid is its own reflection through its centre; colours are not.
+    BandRotations::new(DMat3::from_quat(turn) * size.signum()).apply(&mut model.sh);
 }
 
 #[cfg(test)]
@@ -69,34 +72,41 @@ mod tests {
     use crate::gaussians::sh::basis;
 
     #[test]
-    fn a_turned_model_has_its_colours_in_turned_directions() {
-        let mut model = Gaussians::zeroed(3, 3);
-        for (i, value) in model.sh.iter_mut().flatten().enumerate() {
-            *value = (i as f32 * 0.7).sin();
-        }
-        model.rotations.fill([0.5, -0.5, 0.5, 0.5]);
-        let turn = DQuat::from_xyzw(0.3, -0.2, 0.6, 0.7).normalize();
-        let mut turned = model.clone();
-        similarity(&mut turned, 2.0, turn, DVec3::new(1.0, 0.0, 0.0));
-        for direction in [DVec3::new(0.36, 0.48, 0.8), DVec3::new(-0.6, 0.64, 0.48)] {
-            let (before, after) = (basis(direction), basis(turn * direction));
-            for l in 0..=3 {
-                for i in 0..9 {
-                    let width = Gaussians::band_width(l);
-                    let colour = |m: &Gaussians, basis: &[f64]| -> f64 {
-                        let row = &m.sh[l][i / 3 * width..][..width];
-                        (0..=2 * l).map(|k| f64::from(row[3 * k + i % 3]) * basis[l * l + k]).sum()
-                    };
-                    let (a, b) = (colour(&model, &before), colour(&turned, &after));
-                    assert!((a - b).abs() < 1e-6, "band {l}: {a} {b}");
+    fn a_turned_or_mirrored_model_has_its_colours_in_the_same_directions() {
+        for size in [2.0, -2.0] {
+            let mut model = Gaussians::zeroed(3, 3);
+            for (i, value) in model.sh.iter_mut().flatten().enumerate() {
+                *value = (i as f32 * 0.7).sin();
+            }
+            model.means[1] = [0.25, -1.0, 0.5];
+            model.rotations.fill([0.5, -0.5, 0.5, 0.5]);
+            let turn = DQuat::from_xyzw(0.3, -0.2, 0.6, 0.7).normalize();
+            let matrix = DMat3::from_quat(turn) * size;
+            let (mut turned, mut origin) = (model.clone(), Some(DVec3::ZERO));
+            let map = DAffine3 { matrix3: matrix, translation: DVec3::X };
+            assert!(place(&mut turned, &map, &mut origin));
+            for direction in [DVec3::new(0.36, 0.48, 0.8), DVec3::new(-0.6, 0.64, 0.48)] {
+                let (before, after) = (basis(direction), basis(matrix * direction / 2.0));
+                for l in 0..=3 {
+                    for i in 0..9 {
+                        let width = Gaussians::band_width(l);
+                        let colour = |m: &Gaussians, basis: &[f64]| -> f64 {
+                            let row = &m.sh[l][i / 3 * width..][..width];
+                            (0..=2 * l).map(|k| f64::from(row[3 * k + i % 3]) * basis[l * l + k]).sum()
+                        };
+                        let (a, b) = (colour(&model, &before), colour(&turned, &after));
+                        assert!((a - b).abs() < 1e-6, "{size}, band {l}: {a} {b}");
+                    }
                 }
             }
+            let axis = |m: &Gaussians| {
+                let [w, x, y, z] = m.rotations[0].map(f64::from);
+                DQuat::from_xyzw(x, y, z, w) * DVec3::Z
+            };
+            // Either end of an axis is the same ellipsoid.
+            assert!((matrix * axis(&model) / size - axis(&turned)).length() < 1e-6);
+            assert!((map.transform_point3(wide(model.means[1])) - wide(turned.means[1])).length() < 1e-6);
+            assert_eq!(turned.log_scales[0][2], 2f32.ln());
         }
-        let axis = |m: &Gaussians| {
-            let [w, x, y, z] = m.rotations[0].map(f64::from);
-            DQuat::from_xyzw(x, y, z, w) * DVec3::Z
-        };
-        assert!((turn * axis(&model) - axis(&turned)).length() < 1e-6);
-        assert_eq!((turned.means[1], turned.log_scales[0][2]), ([1.0, 0.0, 0.0], 2f32.ln()));
     }
 }

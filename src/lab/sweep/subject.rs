@@ -83,8 +83,9 @@ pub fn of_scene(
     let mut run = ActiveRun::start(&setup, config, &output, start)?;
     run.train(iterations)?;
     let (model, responses) = (run.checkpoint()?.snapshot.model, run.responses()?);
-    formats::write(&output.model(), &model, config.style.mode()).map_err(Error::writing)?;
     let prepared = &setup.prepared;
+    let (written, origin) = (model.scaled(prepared.scene.unit), prepared.scene.origin.to_array());
+    formats::write_at(&output.model(), &written, config.style.mode(), origin).map_err(Error::writing)?;
     let subject = Subject {
         model,
         responses,

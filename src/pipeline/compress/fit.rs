@@ -286,7 +286,7 @@ struct Shown<'a> {
 impl Shown<'_> {
     /// The given number of Gaussians with the largest contributions, in the model's order.
     fn most(&self, gaussians: usize) -> Gaussians {
-        let mut numbers = self.order[..gaussians].to_vec();
+        let mut numbers = self.order[..gaussians.min(self.order.len())].to_vec();
         numbers.sort_unstable();
         self.model.select(&numbers)
     }

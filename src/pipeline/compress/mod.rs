@@ -23,7 +23,6 @@ use crate::gaussians::{Gaussians, formats};
 use crate::metrics;
 use crate::pipeline::Error;
 use crate::qirf::select::Selector;
-use crate::qirf::select::budget::Keep;
 use aim::Aim;
 use fit::{Fitted, Fitter, Judge, Target};
 use scoring::Scoring;
@@ -110,7 +109,6 @@ fn reduce(
     let Input { path, model, read_s } = input;
     let input = model_file(path, &model);
     let mut time = CompressTimes { read_s, ..CompressTimes::default() };
-    let keep = at_least_one(config.compression.keep, model.len());
 
     let (views, shown) = Views::load(session, &model, config, ALL)?;
     time.truth_s = seconds(begun);
@@ -125,7 +123,7 @@ fn reduce(
     let by_held_out = !matches!(aim, Some(Aim::Bytes(_)));
     let judged = aim.is_some() || target.ladder(&model).steps.len() > 1;
     let judge = judged.then(|| Judge::new(session, &views, shown.source(), by_held_out)).transpose()?;
-    let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
+    let request = PruneRequest { compression: &config.compression, keep: config.compression.keep, seed: config.seed };
     let (plan, fitted) = match aim.zip(judge.as_ref()) {
         None => (prune::plan(device, shown.source(), &model, &responses, &request)?, None),
         Some((aim, judge)) => {
@@ -194,12 +192,4 @@ fn model_file(path: &Path, model: &Gaussians) -> ModelFile {
 
 fn seconds(since: Instant) -> f64 {
     since.elapsed().as_secs_f64()
-}
-
-/// Keeps at least one Gaussian: a small share of few Gaussians may round to none.
-fn at_least_one(keep: Keep, gaussians: usize) -> Keep {
-    match keep {
-        Keep::Share(share) if share * (gaussians as f64) < 1.0 => Keep::Count(1),
-        keep => keep,
-    }
 }

@@ -1,7 +1,6 @@
 //! The stages of a compression as separate functions, for divided jobs: the results equal those of [`super::compress`], bit for
 //! bit.
 
-use super::at_least_one;
 use super::config::{CompressConfig, ViewSource};
 use super::scoring::Scoring;
 use super::train;
@@ -89,8 +88,7 @@ pub fn choose(
     let (cameras, settings, shown) = Views::cameras(session, model, (config, photos))?;
     let responses = Responses::sum(model.len(), config.compression.selector.reads(), chunks)?;
     let responses = Responses { cameras, dilation: settings.dilation, ..responses };
-    let keep = at_least_one(config.compression.keep, model.len());
-    let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
+    let request = PruneRequest { compression: &config.compression, keep: config.compression.keep, seed: config.seed };
     prune::plan(session.device, shown.source(), model, &responses, &request)
 }
 

@@ -62,9 +62,7 @@ fn npy(bytes: &[u8], length: impl Fn(u16) -> f32) -> Result<Map, String> {
     if width == 0 || height == 0 || width.checked_mul(height).is_none_or(|n| n > bytes.len() as u64) {
         return Err(format!("of {height} x {width} numbers is cut short"));
     }
-    if npy.order() != npyz::Order::C {
-        return Err("has columns first (Fortran's order)".to_owned());
-    }
+    let by_columns = npy.order() == npyz::Order::Fortran;
     let DType::Plain(kind) = npy.dtype() else { return Err("has records".to_owned()) };
     let cut = |e: std::io::Error| format!("is cut short: {e}");
     let depths: Vec<f32> = match (kind.type_char(), kind.num_bytes()) {
@@ -74,6 +72,9 @@ fn npy(bytes: &[u8], length: impl Fn(u16) -> f32) -> Result<Map, String> {
         (TypeChar::Uint, Some(2)) => npy.into_vec::<u16>().map_err(cut)?.into_iter().map(length).collect(),
         _ => return Err(format!("has numbers of type {kind}, not f2, f4, f8 or u2")),
     };
+    let (width, height) = (width as usize, height as usize);
+    let at = |i: usize| depths[i % width * height + i / width];
+    let depths = if by_columns { (0..depths.len()).map(at).collect() } else { depths };
     Ok(Map { width: width as u32, height: height as u32, depths })
 }
 

@@ -43,11 +43,12 @@ impl Keep {
     /// The default share: the paper's mean.
     pub const SHARE: f64 = 0.28;
 
-    /// The number kept of `n`. The paper's rule depends on the blocks; it counts here as its smallest share.
+    /// The number kept of `n`: of few Gaussians, a share keeps at least one. The paper's rule depends on the blocks; it counts here as its
+    /// smallest share.
     pub fn count(self, n: usize) -> usize {
         let of = |share: f64| ((millionths(share) * n as u128 + MILLION / 2) / MILLION) as usize;
         match self {
-            Self::Share(share) | Self::Paper { kappa: share } => of(share),
+            Self::Share(share) | Self::Paper { kappa: share } => of(share).max(n.min(1)),
             Self::Count(count) => count.min(n),
         }
     }

@@ -36,10 +36,11 @@ impl BlockRun {
         let mut prepared = opened
             .only(&names)?
             .with_depths(&Silent)
-            .load_to_train(session.photo_memory(output.folder()), session.watcher)?;
+            .load_to_train(session.photo_memory(output.folder()), session.watcher)?
+            .in_usual_unit();
         let crops = prepared.train.iter().zip(&block.crops).map(|(photo, crop)| photo.part(crop.corner, crop.size));
         prepared.train = crops.collect::<std::io::Result<Vec<Photo>>>().map_err(train::Error::Photos)?;
-        prepared.extent = extent;
+        prepared.extent = extent / self.unit;
         let maps = block.crops.iter().filter_map(|crop| exposures.chunks_exact(exposure::SIZE).nth(crop.view));
         Ok(Setup {
             session: *session,
@@ -47,7 +48,7 @@ impl BlockRun {
             estimated_bytes: 0,
             decisions: Vec::new(),
             exposures: Exposures::Known(maps.flatten().copied().collect()),
-            cameras: Some(centre.as_vec3().to_array()),
+            cameras: Some((centre / self.unit).as_vec3().to_array()),
             begun,
             load_s: begun.elapsed().as_secs_f64(),
             config,

@@ -59,6 +59,8 @@ pub struct BlockRun {
     pub skipped: Skipped,
     /// Local origin of the scene's coordinates.
     pub origin: [f64; 3],
+    /// Unit of length of training and of the models before the joined one, in units of the scene.
+    pub unit: f64,
 }
 
 /// A block after a meeting.
@@ -93,7 +95,7 @@ impl BlockRun {
         let opened = open(&config.selection())?.with_depths(session.watcher);
         let pixels = opened.train_pixels();
         let initial = Start::of(&config, &opened.scene, pixels.iter().copied().max().unwrap_or(0))?.len();
-        let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
+        let mut prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
         let (decisions, _) = effects::decide(&prepared, &config)?;
         session.watcher.note(&effects::summary(&decisions));
         let mut config = RunConfig { background: Some(prepared.background), ..config.decided(&decisions) };
@@ -113,8 +115,9 @@ impl BlockRun {
             None => budget::blocks(session.device, &config, &prepared, initial)?,
         };
         let image_size = camera::largest(prepared.views().map(|view| &view.camera));
-        let (origin, skipped) = (prepared.scene.origin.to_array(), prepared.scene.skipped);
-        Ok(Self { config, blocks, photos, held_out, image_size, skipped, origin })
+        let (origin, unit) = (prepared.scene.origin.to_array(), prepared.scene.use_usual_unit());
+        let skipped = prepared.scene.skipped;
+        Ok(Self { config, blocks, photos, held_out, image_size, skipped, origin, unit })
     }
 
     /// Number of chunks of photos for responses; 0 without a prune.
@@ -143,7 +146,8 @@ impl BlockRun {
     /// The blocks of the scene, from pictures of a coarse model in the size that it was trained on.
     pub fn assign(&self, session: &Session<'_>, coarse: &Snapshot) -> Result<Layout, Error> {
         let Snapshot { model: coarse, exposures: (exposures, _), .. } = coarse;
-        let opened = self.opened()?;
+        let mut opened = self.opened()?;
+        opened.scene.use_usual_unit();
         let (cameras, divisor) = (opened.cameras(), divisor(opened.size()));
         let smaller = |c: &Camera| c.resized((c.width / divisor).max(1), (c.height / divisor).max(1));
         let small: Vec<Camera> = cameras.iter().map(smaller).collect();
@@ -169,6 +173,10 @@ impl BlockRun {
         output: &Output,
     ) -> Result<Snapshot, Error> {
         let Some(block) = layout.blocks.get(b) else { return Ok(beginning(Gaussians::default(), 0)) };
+        // A short run of the coarse model ends before it has all bands.
+        let mut full = Gaussians::zeroed(0, self.config.sh_degree);
+        full.append(coarse);
+        let coarse = &full;
         let members = Members::of(&layout.cells, b, GROWN, coarse);
         if members.trained.is_empty() || block.crops.is_empty() {
             return Ok(owned(&beginning(coarse.select(&members.trained), 0), &layout.cells, b));
@@ -200,7 +208,7 @@ impl BlockRun {
     ) -> Result<Responses, Error> {
         let (config, _) = self.choice()?;
         let exposures = self.config.exposure.then(|| Exposures::Known(layout.exposures.clone()));
-        stages::evidence(session, collected, &config, (chunk, &self.photos, exposures))
+        stages::evidence(session, &collected.scaled(self.unit), &config, (chunk, &self.photos, exposures))
     }
 
     /// The number of Gaussians of each block that a choice among all of them keeps, by the responses of all chunks in
@@ -213,7 +221,7 @@ impl BlockRun {
     ) -> Result<(PruneRecord, Vec<usize>), Error> {
         let (config, _) = self.choice()?;
         let PrunePlan { record, keep, .. } =
-            stages::choose(session, meeting.collected, (&config, &self.photos), chunks)?;
+            stages::choose(session, &meeting.collected.scaled(self.unit), (&config, &self.photos), chunks)?;
         let quota = |b: usize| keep[meeting.rows(b)].iter().filter(|kept| **kept).count();
         Ok((record.timeless(), (0..meeting.starts.len()).map(quota).collect()))
     }

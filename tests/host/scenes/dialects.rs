@@ -191,18 +191,23 @@ fn with_alpha(alphas: &[u8]) -> tempfile::TempDir {
 
 #[test]
 fn specks_of_alpha_decide_nothing() {
-    for (alphas, role) in [
-        (vec![254], AlphaRole::Opaque),
-        (vec![250, 0, 128], AlphaRole::Opaque),
-        (vec![254; 64 * 48], AlphaRole::Opaque),
-        (vec![0; 64 * 12], AlphaRole::Alpha),
+    let (specks, even) =
+        ("of the photos is transparent, under 0.5 %: taken as opaque", "1 photo with the same alpha everywhere");
+    for (alphas, role, says) in [
+        (vec![254], AlphaRole::Opaque, specks),
+        (vec![250, 0, 128], AlphaRole::Opaque, specks),
+        (vec![254; 64 * 48], AlphaRole::Opaque, even),
+        (vec![128; 64 * 48], AlphaRole::Opaque, even),
+        (vec![0; 64 * 48], AlphaRole::Alpha, ""),
+        (vec![0; 64 * 12], AlphaRole::Alpha, ""),
     ] {
         let scene = with_alpha(&alphas);
         let mut opened = open(scene.path());
         let photos = opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
         assert!(photos.iter().all(|p| p.alpha_role == role), "{}", alphas.len());
-        let told = notes(&opened).contains("of the photos is transparent, under 0.5 %: taken as opaque");
-        assert_eq!(told, role == AlphaRole::Opaque);
+        for note in [specks, even] {
+            assert_eq!(notes(&opened).contains(note), says == note, "{}", notes(&opened));
+        }
         if role == AlphaRole::Opaque {
             assert!(photos[1].pixels.read().unwrap().iter().skip(3).step_by(4).all(|a| *a == 255));
         }

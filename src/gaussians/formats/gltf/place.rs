@@ -70,7 +70,7 @@ impl Placed {
     pub(super) fn apply(&self, model: &mut Gaussians, origin: &mut Option<DVec3>) -> Result<(), Fault> {
         if !place(model, &self.map, origin) {
             return Err(Fault::Unsupported(format!(
-                "node {} is scaled by different factors along its axes, or mirrored; apply its transform in the program that made it",
+                "node {} is scaled by different factors along its axes; apply its transform in the program that made it",
                 self.node
             )));
         }

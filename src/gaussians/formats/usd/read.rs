@@ -48,8 +48,8 @@ pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
     for (mut part, map) in parts {
         if !place(&mut part, &(upright * map), &mut origin) {
             return Err(Fault::Unsupported(
-                "a prim is mirrored, or scaled by different factors along its axes; apply its transform in the program \
-                 that made the file"
+                "a prim is scaled by different factors along its axes; apply its transform in the program that made the \
+                 file"
                     .into(),
             ));
         }

@@ -86,10 +86,11 @@ impl<'a, T: Trials> Search<'a, T> {
 
     /// Finds the best file.
     pub fn find(&mut self, aim: Aim) -> Result<Found, T::Error> {
-        let smallest = self.trials.bytes(0, 1)?;
+        let smallest = self.trials.bytes(0, self.whole.min(1))?;
         self.fixed = smallest as f64;
         match aim {
             Aim::Bytes(size) if size < smallest => Ok(Found::TooSmall(smallest)),
+            _ if self.whole == 0 => self.scored(0, 0).map(Found::Best),
             Aim::Bytes(size) => self.by_size(size).map(Found::Best),
             Aim::Psnr(psnr) => self.by_psnr(psnr).map(Found::Best),
         }
@@ -223,6 +224,11 @@ mod tests {
             let mut search = Search::new(&mut trials, 50_000, &all);
             let Ok(Found::Best(best)) = search.find(Aim::Psnr(wanted)) else { panic!("{wanted}") };
             assert!(best.psnr.is_some_and(|p| (p - wanted).abs() < 0.1), "{best:?} for {wanted}: {:?}", search.tried());
+        }
+        for aim in [Aim::Psnr(30.0), Aim::Bytes(9000)] {
+            let mut trials = model(7, 0);
+            let Ok(Found::Best(best)) = Search::new(&mut trials, 0, &all).find(aim) else { panic!() };
+            assert!(best.gaussians == 0, "of no Gaussian: {best:?}");
         }
         let mut trials = model(7, 50_000);
         assert_eq!(Search::new(&mut trials, 50_000, &all).find(Aim::Bytes(4000)), Ok(Found::TooSmall(4008)));
