@@ -210,7 +210,7 @@ impl Tuning {
             // One pixel per invocation, one splat per invocation and batch.
             rasterise_workgroup: tile * tile,
             rasterise_batch: tile * tile,
-            // Decision 56: two pixels per invocation; a subgroup skips splats that none of its 64 pixels shows.
+            // Decision 60: two pixels per invocation; a subgroup skips splats that none of its 64 pixels shows.
             backward_workgroup: (tile * tile / 2).max(subgroup),
             backward_batch: Self::backward_batch(subgroup),
             scan_workgroup: 256.max(subgroup),

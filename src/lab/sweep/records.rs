@@ -200,11 +200,11 @@ impl AxisRecord {
             if low > 0.0 && (high / low < EQUALLY_FAST || together) {
                 let within = 100.0 * (high / low - 1.0);
                 let noise = if together { ", which is less than their spread" } else { "" };
-                self.flat.push(format!("Times are flat, medians within {within:.0} %{noise}: {}", why[0]));
+                self.flat.push(format!("Times hardly differ (medians within {within:.0} %{noise}): {}", why[0]));
             }
             let bad: Vec<f64> = self.rungs.iter().filter_map(|r| r.badness(better)).collect();
             if bad.len() == self.rungs.len() && bad.iter().all(|b| *b == bad[0]) {
-                self.flat.push(format!("Accuracy is flat, the same on every rung: {}", why[1]));
+                self.flat.push(format!("Accuracy is the same on every rung: {}", why[1]));
             }
         }
         self.sentence = self.cost();
@@ -227,9 +227,9 @@ impl AxisRecord {
         });
         if let Some((rung, _)) = next {
             return format!(
-                "The next more exact rung than {}, {}, {}; {} goes from {} to {}.",
-                default.name,
+                "{} is the next rung more exact than the default, {}: it {}, and the {} changes from {} to {}.",
                 rung.name,
+                default.name,
                 self.change(rung, default),
                 self.accuracy,
                 self.shown(default),
@@ -239,9 +239,9 @@ impl AxisRecord {
         let from = default.seconds().unwrap_or(f64::NAN);
         let faster = others().filter(|(_, (_, time))| *time < from).min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
         let rest = match faster {
-            None => "none of the others is faster".to_owned(),
+            None => "no other is faster".to_owned(),
             Some((rung, _)) => format!(
-                "the most exact faster one, {}, {}, and its {} is {}",
+                "{}, the most exact of the faster ones, {}, and its {} is {}",
                 rung.name,
                 self.change(rung, default),
                 self.accuracy,
@@ -249,21 +249,21 @@ impl AxisRecord {
             ),
         };
         let shown = self.shown(default);
-        format!("No rung is more exact than the default, {} ({}: {shown}); {rest}.", default.name, self.accuracy)
+        format!("No rung is more exact than the default, {} ({} {shown}); {rest}.", default.name, self.accuracy)
     }
 
     /// The difference of a rung's time from another's, as text.
     fn change(&self, rung: &RungRecord, from: &RungRecord) -> String {
-        let (Some(a), Some(b)) = (rung.time, from.time) else { return "takes a time that was not measured".to_owned() };
+        let (Some(a), Some(b)) = (rung.time, from.time) else { return "has a time that was not measured".to_owned() };
         let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.time);
         let words = match a.median / b.median {
-            r if (0.97..1.03).contains(&r) => "takes as long".to_owned(),
-            _ if a.samples > 1 && a.overlaps(&b) => "takes as long, as far as the spread can tell".to_owned(),
+            r if (0.97..1.03).contains(&r) => "takes equally long".to_owned(),
+            _ if a.samples > 1 && a.overlaps(&b) => "takes equally long within the spread".to_owned(),
             r if r >= 2.0 => format!("takes {r:.1} times as long"),
             r if r > 1.0 => format!("takes {:.0} % longer", 100.0 * (r - 1.0)),
             r => format!("takes {:.0} % less time", 100.0 * (1.0 - r)),
         };
-        format!("{words}: {figures}")
+        format!("{words} ({figures})")
     }
 
     /// A rung's accuracy as text.
@@ -347,9 +347,9 @@ mod tests {
     fn the_front_and_what_exactness_costs() {
         let axis = axis(&[("0", 9.0, 0.0), ("1e-4", 4.0, 0.1), ("1e-3", 5.0, 0.2), ("1e-2", 3.0, 0.4)]);
         assert_eq!(axis.rungs.iter().map(|r| r.front).collect::<Vec<_>>(), [true, true, false, true]);
-        let said =
-            "than 1e-4, 0, takes 2.2 times as long: 9.00 instead of 4.00 ms a frame; error goes from 0.1000 to 0";
-        assert!(axis.sentence.contains(said), "{}", axis.sentence);
+        let said = "0 is the next rung more exact than the default, 1e-4: it takes 2.2 times as long (9.00 instead of 4.00 ms \
+                    a frame), and the error changes from 0.1000 to 0.";
+        assert_eq!(axis.sentence, said);
         assert!(axis.flat.is_empty());
     }
 
