@@ -163,7 +163,7 @@ impl Choice {
         device.run(recording)?;
         let mut copies = self.copies.read(device)?;
         let stay = copies.iter().filter(|c| **c > 0).count();
-        let count = plan.planned(schedule, step.iteration).min(step.most).saturating_sub(stay);
+        let count = schedule.planned(step.iteration).min(step.most).saturating_sub(stay);
         let (mut growth, key) = (training.growth.read(device)?, [step.seed, step.iteration]);
         growth.truncate(copies.len());
         let halved = plan.choose(&growth, count, key, |i| copies[i] > 0);

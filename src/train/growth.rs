@@ -1,15 +1,12 @@
 //! Growth to a planned number of Gaussians: selects the ones that each density step halves. The thresholds of the 3DGS
 //! reference leave the number open, and its steps are too few in short runs.
 
-use super::schedule::Schedule;
 use super::selection;
 use crate::effects::geometry::LOOKS;
 use crate::random;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde::{Deserialize, Serialize};
 
-/// Least number of iterations between density steps: gradients need some views.
-const LEAST_EVERY: u32 = 20;
 /// Iterations that count in any run, however few its photos.
 const LEAST_TAUGHT: f64 = 1000.0;
 
@@ -69,23 +66,6 @@ impl Growth {
         Self { gaussians: self.gaussians.or_else(|| Some(Self::by_photos(pixels, iterations))), ..self }
     }
 
-    /// Iterations between density steps.
-    pub fn every(&self, schedule: &Schedule) -> u32 {
-        let (from, until) = schedule.growing();
-        (until.saturating_sub(from) / (self.steps + 1).max(1))
-            .clamp(LEAST_EVERY, schedule.densify_every.max(LEAST_EVERY))
-    }
-
-    /// The number of Gaussians planned after iteration `iteration`: proportional to the square root of growth's elapsed
-    /// share, so that most come early and have time to learn. A plan without a number has no growth.
-    pub fn planned(&self, schedule: &Schedule, iteration: u32) -> usize {
-        let (from, until) = schedule.growing();
-        // The last step is one interval before the end.
-        let passed = (iteration + self.every(schedule)).saturating_sub(from);
-        let share = f64::from(passed) / f64::from(until.saturating_sub(from).max(1));
-        (self.gaussians.unwrap_or(0) as f64 * share.min(1.0).sqrt()) as usize
-    }
-
     /// Marks which `count` of the candidates are halved. `growth` holds each Gaussian's sum of gradients and number of
     /// views; a candidate is a Gaussian that `candidate` accepts and that has a gradient.
     pub fn choose(
@@ -120,44 +100,7 @@ impl Growth {
 mod tests {
     use super::*;
 
-    fn schedule(iterations: u32, growth: Growth) -> Schedule {
-        Schedule { iterations, growth: Some(growth), ..Schedule::default() }
-    }
-
     const PLAN: Growth = Growth { gaussians: Some(10_000), steps: 15, absolute: true, sampled: true };
-
-    /// Short runs have as many steps as asked for, if each can follow twenty views; long ones keep their interval.
-    #[test]
-    fn steps_of_short_runs() {
-        let steps = |iterations: u32| {
-            let s = schedule(iterations, PLAN);
-            (1..=iterations).filter(|i| s.densifies(*i)).count()
-        };
-        assert!(
-            (15..=18).contains(&steps(1000)) && (15..=18).contains(&steps(2000)),
-            "{} {}",
-            steps(1000),
-            steps(2000)
-        );
-        assert_eq!((steps(30_000), steps(200)), (144, 4));
-        let none = schedule(1000, Growth { steps: 0, ..PLAN });
-        assert!((1..=1000).filter(|i| none.densifies(*i)).count() >= 4);
-    }
-
-    /// The plan rises with the square root of growth's elapsed share, and the last step reaches the full number.
-    #[test]
-    fn the_plan_is_reached_by_the_last_step() {
-        for iterations in [1, 60, 1000, 30_000] {
-            let s = schedule(iterations, PLAN);
-            let planned: Vec<usize> =
-                (1..=iterations).filter(|i| s.densifies(*i)).map(|i| PLAN.planned(&s, i)).collect();
-            assert!(planned.is_sorted() && planned.iter().all(|n| *n <= 10_000), "{planned:?}");
-            assert!(planned.last().is_none_or(|n| *n == 10_000), "{iterations}: {planned:?}");
-        }
-        let s = schedule(30_000, PLAN);
-        let quarter = 500 + (15_000 - 500) / 4 - 100;
-        assert_eq!(PLAN.planned(&s, quarter), 5000);
-    }
 
     /// Iterations count up to 4.5 times the square of the number of photos, and up to 1,000 in any run.
     #[test]

@@ -5,6 +5,9 @@ use super::rates::Rates;
 use crate::kernels::constants::adam::float64::{BETA1, BETA2};
 use serde::{Deserialize, Serialize};
 
+/// Least number of iterations between the steps of a plan: gradients need some views.
+const LEAST_EVERY: u32 = 20;
+
 /// The schedule of a run, as written to `config.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -217,7 +220,24 @@ impl Schedule {
     pub fn densifies(&self, iteration: u32) -> bool {
         iteration > self.at(self.densify_from)
             && iteration < self.at(self.densify_until)
-            && iteration.is_multiple_of(self.growth.map_or(self.densify_every, |g| g.every(self)))
+            && iteration.is_multiple_of(self.interval())
+    }
+
+    /// Iterations between density steps.
+    pub fn interval(&self) -> u32 {
+        let Some(plan) = self.growth else { return self.densify_every };
+        let (from, until) = self.growing();
+        (until.saturating_sub(from) / (plan.steps + 1).max(1)).clamp(LEAST_EVERY, self.densify_every.max(LEAST_EVERY))
+    }
+
+    /// The number of Gaussians planned after iteration `iteration`: proportional to the square root of growth's elapsed
+    /// share, so that most come early and have time to learn. 0 without a plan that has a number.
+    pub fn planned(&self, iteration: u32) -> usize {
+        let (from, until) = self.growing();
+        // The last step is one interval before the end.
+        let passed = (iteration + self.interval()).saturating_sub(from);
+        let share = f64::from(passed) / f64::from(until.saturating_sub(from).max(1));
+        (self.growth.and_then(|plan| plan.gaussians).unwrap_or(0) as f64 * share.min(1.0).sqrt()) as usize
     }
 
     /// Returns true if large Gaussians are pruned at iteration `iteration`. A plan splits them instead: its many steps
@@ -242,6 +262,33 @@ mod tests {
 
     fn when(schedule: &Schedule, what: impl Fn(&Schedule, u32) -> bool) -> Vec<u32> {
         (1..=schedule.iterations).filter(|i| what(schedule, *i)).collect()
+    }
+
+    fn planned(iterations: u32, steps: u32) -> Schedule {
+        let plan = Growth { gaussians: Some(10_000), steps, absolute: true, sampled: true };
+        Schedule { growth: Some(plan), ..of(iterations) }
+    }
+
+    /// Short runs have as many steps as asked for, if each can follow twenty views; long ones keep their interval.
+    #[test]
+    fn steps_of_short_runs() {
+        let steps = |iterations: u32, steps: u32| when(&planned(iterations, steps), Schedule::densifies).len();
+        let [some, more] = [1000, 2000].map(|iterations| steps(iterations, 15));
+        assert!((15..=18).contains(&some) && (15..=18).contains(&more), "{some} {more}");
+        assert_eq!((steps(30_000, 15), steps(200, 15)), (144, 4));
+        assert!(steps(1000, 0) >= 4);
+    }
+
+    /// The plan rises with the square root of growth's elapsed share, and the last step reaches the full number.
+    #[test]
+    fn the_plan_is_reached_by_the_last_step() {
+        for iterations in [1, 60, 1000, 30_000] {
+            let s = planned(iterations, 15);
+            let numbers: Vec<usize> = when(&s, Schedule::densifies).into_iter().map(|i| s.planned(i)).collect();
+            assert!(numbers.is_sorted() && numbers.iter().all(|n| *n <= 10_000), "{numbers:?}");
+            assert!(numbers.last().is_none_or(|n| *n == 10_000), "{iterations}: {numbers:?}");
+        }
+        assert_eq!(planned(30_000, 15).planned(500 + (15_000 - 500) / 4 - 100), 5000);
     }
 
     #[test]

@@ -170,7 +170,7 @@ impl Method for Mcmc {
     fn acts(&self, schedule: &Schedule, iteration: u32) -> bool {
         let (from, _) = schedule.growing();
         let last = (f64::from(schedule.iterations) * self.until).round() as u32;
-        let every = schedule.growth.map_or(schedule.densify_every, |g| g.every(schedule));
+        let every = schedule.interval();
         iteration > from && iteration < last && iteration.is_multiple_of(every)
     }
 
@@ -190,7 +190,7 @@ impl Method for Mcmc {
         // The tail stays unchanged.
         logits.truncate(model.trained());
         scales.truncate(3 * logits.len());
-        let planned = schedule.growth.map_or(0, |plan| plan.planned(schedule, key[1])).min(*most);
+        let planned = schedule.planned(key[1]).min(*most);
         let Moves { sources, copies } = self.choose(&logits, planned, *key);
         for (i, copies) in copies.iter().enumerate().filter(|(_, copies)| **copies > 1) {
             let was = opacity(logits[i]);

@@ -7,14 +7,17 @@ use std::path::{Path, PathBuf};
 
 use unicode_normalization::UnicodeNormalization;
 
-use super::tree::is_scene;
-
 /// Extensions of photos, in the order in which they are tried for names without one.
 pub(super) const EXTENSIONS: [&str; 14] =
     ["png", "jpg", "jpeg", "JPG", "PNG", "JPEG", "webp", "WEBP", "tif", "tiff", "TIF", "TIFF", "exr", "EXR"];
 /// Extensions, in lower case, of photos that are not read.
 const UNREAD: [&str; 15] =
     ["heic", "heif", "avif", "jxl", "jp2", "bmp", "dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2", "insp"];
+/// Files and folders that make their folder a scene with poses.
+const SCENES: [&str; 5] = ["sparse", "cameras.bin", "cameras.txt", "transforms.json", "transforms_train.json"];
+/// Files that make their folder a result of this program.
+const RESULTS: [&str; 3] = ["pose.json", "config.toml", "metrics.json"];
+
 /// Words of a name, in lower case, that say that a file belongs to a photo and is none itself; those of maps only
 /// where a file holds numbers without loss.
 const MASK_WORDS: &str = "mask masks";
@@ -216,6 +219,16 @@ fn one(found: &[String], name: &str) -> Option<String> {
     let extension = |name: &str| name.rsplit_once('.').map(|(_, e)| e.to_ascii_lowercase());
     let mut same = found.iter().filter(|file| extension(file) == extension(name));
     same.next().filter(|_| same.next().is_none()).cloned()
+}
+
+/// True if these files and folders make their folder a scene with poses, or a result.
+pub(super) fn is_scene(entries: &[fs::DirEntry]) -> bool {
+    entries.iter().any(|e| SCENES.iter().chain(&RESULTS).any(|mark| e.file_name() == *mark))
+}
+
+/// True if a folder is a result of this program.
+pub(super) fn is_result(folder: &Path) -> bool {
+    RESULTS.iter().any(|mark| folder.join(mark).is_file())
 }
 
 #[cfg(test)]

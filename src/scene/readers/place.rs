@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::tree::is_result;
+use super::names::is_result;
 use super::{colmap, foreign, photo_folder, photo_names};
 use crate::scene::{Error, OpenOptions};
 

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-use super::names::{belongs_to, has_owner, is_photo_name, is_unread_name, key, last};
+use super::names::{belongs_to, has_owner, is_photo_name, is_scene, is_unread_name, key, last};
 use crate::scene::Names;
 use crate::wording::counted;
 
@@ -24,21 +24,6 @@ const MAPS: [&str; 11] = [
     "normal_maps",
     "segmentation",
 ];
-/// Files and folders that make their folder a scene with poses.
-const SCENES: [&str; 5] = ["sparse", "cameras.bin", "cameras.txt", "transforms.json", "transforms_train.json"];
-/// Files that make their folder a result of this program.
-const RESULTS: [&str; 3] = ["pose.json", "config.toml", "metrics.json"];
-
-/// True if these files and folders make their folder a scene with poses, or a result.
-pub(super) fn is_scene(entries: &[fs::DirEntry]) -> bool {
-    entries.iter().any(|e| SCENES.iter().chain(&RESULTS).any(|mark| e.file_name() == *mark))
-}
-
-/// True if a folder is a result of this program.
-pub(super) fn is_result(folder: &Path) -> bool {
-    RESULTS.iter().any(|mark| folder.join(mark).is_file())
-}
-
 /// Photos in a folder and its subfolders.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PhotoTree {
