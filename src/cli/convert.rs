@@ -45,9 +45,9 @@ pub(super) struct Arguments {
     /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda, .usdz, .html, or lod-meta.json with --lod
     #[arg(value_name = "OUT")]
     output: PathBuf,
-    /// Version of a written SPZ: 3 for readers from before 2026; the values are the same
-    #[arg(long, value_name = "3|4", default_value = "4", value_parser = spz_version)]
-    spz_version: SpzVersion,
+    /// Version of a written SPZ: 3 for readers from before 2026; the values are the same [default: 4]
+    #[arg(long, value_name = "3|4", value_parser = spz_version)]
+    spz_version: Option<SpzVersion>,
     /// Origin of coordinates if the model lies far from its world's origin
     #[arg(long, value_name = "WHERE", default_value = "local")]
     origin: Origin,
@@ -124,7 +124,7 @@ impl Arguments {
         let target = Target {
             path: &self.output,
             format: &format,
-            spz: if is_page { SpzVersion::Three } else { self.spz_version },
+            spz: if is_page { SpzVersion::Three } else { self.spz_version.unwrap_or_default() },
             precision: self.sh_bits.map(Precision::Spz),
             wrap: if is_page { Some(&wrap) } else { None },
             origin: loaded.origin,
@@ -179,6 +179,9 @@ impl Arguments {
         if self.size.is_some() && !is_page {
             let what = "--size applies only to pages here; for model files use `qirf-vk compress --size`";
             return Err(Error::Usage(what.into()));
+        }
+        if self.spz_version.is_some() && !has_extension(&self.output, "spz") {
+            return Err(Error::Usage("--spz-version applies only to SPZ: name an .spz file".into()));
         }
         if self.sh_bits.is_some() && !is_page && !has_extension(&self.output, "spz") {
             return Err(Error::Usage("--sh-bits applies only to SPZ, and to pages, which contain one".into()));

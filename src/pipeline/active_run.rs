@@ -14,7 +14,7 @@ use super::run_log::{LogLine, LoggedRates, RunLog};
 use super::session::Session;
 use super::setup::Setup;
 use super::start::{Start, initialise};
-use crate::gaussians::formats;
+use crate::gaussians::{Gaussians, formats};
 use crate::gaussians::resident::Resident;
 use crate::pipeline::Error;
 use crate::qirf::select::budget::Keep;
@@ -230,7 +230,10 @@ impl<'a> ActiveRun<'a> {
         let next = || pruning.keep(self.notes.prunes.len(), steps, self.trainer.trained());
         let keep = attrition.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
-        let follow = |model: &_, facts: &_| session.watcher.pruned(model, self.config.style.mode(), facts);
+        let unit = prepared.scene.unit;
+        let follow = |model: &Gaussians, facts: &_| {
+            session.watcher.pruned(&model.scaled(unit), self.config.style.mode(), facts)
+        };
         let mut pruned = prune(session.device, &mut self.trainer, pruning.responses, &request, follow)?;
         pruned.frames_per_second_before = frames;
         pruned.attrition = attrition.map(|c| AttritionRecord { from: c.from, before: c.before });

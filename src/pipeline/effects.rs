@@ -84,6 +84,21 @@ impl RunConfig {
             ..self.clone()
         }
     }
+
+    /// The keys of effects that are set here and not in the same configuration with the decisions: `[effects]` and the scene decide.
+    pub fn overruled(&self, decided: &Self) -> Vec<&'static str> {
+        let keys = |of: &Self| {
+            [
+                ("antialias", of.style.antialias),
+                ("depth_order", of.style.depth_order),
+                ("exposure", of.exposure),
+                ("poses", of.poses),
+                ("dropout", of.dropout),
+                ("depth_loss", of.depth_loss),
+            ]
+        };
+        keys(self).into_iter().zip(keys(decided)).filter(|(a, b)| a.1 && !b.1).map(|(key, _)| key.0).collect()
+    }
 }
 
 /// The style of a model with these effects.
@@ -125,4 +140,17 @@ pub fn timed(mut decisions: Vec<Decision>, timings: &Timings) -> Vec<Decision> {
         d.seconds = timings.iter().find(|(name, ..)| Some(*name) == scope).map(|(_, seconds, _)| seconds);
     }
     decisions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::config::Preset;
+
+    #[test]
+    fn keys_that_decide_nothing_are_named() {
+        let config = RunConfig { exposure: true, dropout: true, ..RunConfig::sample(Preset::Quick) };
+        let decided = RunConfig { exposure: false, poses: true, ..config.clone() };
+        assert_eq!((config.overruled(&decided), decided.overruled(&config)), (vec!["exposure"], vec!["poses"]));
+    }
 }

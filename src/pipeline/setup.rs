@@ -70,7 +70,11 @@ impl<'a> Setup<'a> {
         if let Some(note) = limit {
             watcher.note(&note);
         }
-        let config = RunConfig { tuning: Some(device.tuning().clone()), ..config.decided(&decisions) };
+        let decided = config.decided(&decisions);
+        for key in config.overruled(&decided) {
+            watcher.note(&format!("{key} = true in the configuration has no effect: [effects] and the scene decide"));
+        }
+        let config = RunConfig { tuning: Some(device.tuning().clone()), ..decided };
         let (load_s, exposures) = (begun.elapsed().as_secs_f64(), Exposures::Learnt(gains));
         let setup = Self {
             session: *session,

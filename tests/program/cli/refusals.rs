@@ -40,6 +40,7 @@ fn a_wrong_command_line_is_usage() {
         vec!["completions", "cobol"],
         vec!["inspect", "model.ply", "--images", "images_4"],
         vec!["inspect", "scene", "--html", "model.ply"],
+        vec!["convert", "model.ply", "model.sog", "--spz-version", "3"],
         vec!["compress", "model.ply", "-o", "small.ply", "--report", "./small.ply"],
         vec!["eval", "model.ply", "--against", "model.ply", "--pole-mask", "20"],
         vec!["run", "scene", "-o", "out", "--no-prune", "--keep", "0.2"],
