@@ -187,7 +187,7 @@ fn command() -> clap::Command {
 /// Runs the program on the process's arguments.
 pub fn main() -> ExitCode {
     // Colour must be known before clap prints an error.
-    let asked: Vec<String> = std::env::args().skip(1).collect();
+    let asked: Vec<String> = std::env::args_os().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
     let never = asked.iter().any(|a| a == "--color=never") || asked.windows(2).any(|w| w == ["--color", "never"]);
     let choice = if never { ColorChoice::Never } else { ColorChoice::Auto };
     let parsed = command().color(choice).try_get_matches().and_then(|m| Cli::from_arg_matches(&m));

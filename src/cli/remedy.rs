@@ -89,6 +89,9 @@ fn writable(cause: &io::Error) -> Option<String> {
         io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
             plain("check its permissions, or choose another path")
         }
+        io::ErrorKind::NotADirectory | io::ErrorKind::IsADirectory | io::ErrorKind::InvalidFilename => {
+            plain("choose another path")
+        }
         _ => plain("free some space, or choose another path"),
     }
 }
@@ -308,6 +311,7 @@ mod tests {
         says(synth::Error::Foreign(path()), &["empty or new folder"]);
         says(Error::Write { path: path(), source: io::ErrorKind::StorageFull.into() }, &["free some space"]);
         says(Error::Write { path: path(), source: io::ErrorKind::NotFound.into() }, &["create its folder"]);
+        says(Error::Write { path: path(), source: io::ErrorKind::NotADirectory.into() }, &["; choose another path"]);
         says(Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["check the path"]);
         says(Error::NothingToTrainOn(path()), &["larger --eval-every"]);
         says(Error::NothingHeldOut(path()), &["--eval-every 1"]);

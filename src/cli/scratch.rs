@@ -4,6 +4,7 @@ use crate::gpu::Device;
 use crate::metrics::Networks;
 use crate::pipeline::{Session, Watcher, host_bytes};
 use clap::Args;
+use clap::builder::{OsStringValueParser, TypedValueParser};
 use std::path::PathBuf;
 
 /// Folder of temporary files.
@@ -11,7 +12,7 @@ use std::path::PathBuf;
 pub(super) struct Scratch {
     /// Folder for a temporary file of decoded photos, which is written if they exceed a quarter of the host's memory; it is best
     /// on a local disk [default: $TMPDIR if it is set, else beside the outputs]
-    #[arg(long, value_name = "DIR", env = "TMPDIR", hide_env = true, help_heading = "Photos")]
+    #[arg(long, value_name = "DIR", env = "TMPDIR", hide_env = true, value_parser = OsStringValueParser::new().map(PathBuf::from), help_heading = "Photos")]
     scratch: Option<PathBuf>,
 }
 

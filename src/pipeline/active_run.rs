@@ -14,8 +14,8 @@ use super::run_log::{LogLine, LoggedRates, RunLog};
 use super::session::Session;
 use super::setup::Setup;
 use super::start::{Start, initialise};
-use crate::gaussians::{Gaussians, formats};
 use crate::gaussians::resident::Resident;
+use crate::gaussians::{Gaussians, formats};
 use crate::pipeline::Error;
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
@@ -231,9 +231,8 @@ impl<'a> ActiveRun<'a> {
         let keep = attrition.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
         let unit = prepared.scene.unit;
-        let follow = |model: &Gaussians, facts: &_| {
-            session.watcher.pruned(&model.scaled(unit), self.config.style.mode(), facts)
-        };
+        let follow =
+            |model: &Gaussians, facts: &_| session.watcher.pruned(&model.scaled(unit), self.config.style.mode(), facts);
         let mut pruned = prune(session.device, &mut self.trainer, pruning.responses, &request, follow)?;
         pruned.frames_per_second_before = frames;
         pruned.attrition = attrition.map(|c| AttritionRecord { from: c.from, before: c.before });

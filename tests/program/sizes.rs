@@ -89,6 +89,10 @@ fn a_curve_has_files_of_six_sizes_with_their_bytes_by_attribute() {
     assert_eq!(html.select("#plot polyline").len(), 3);
     compressed(&model, &out, &["--curve", "sog", "--size", "9kB"]).with(2, &[]);
     compressed(&model, &out, &["--curve", "docx"]).with(2, &[]);
+    // Without held-out photos there is nothing to measure.
+    let scene = super::run::scene(folder.path());
+    let more = ["--curve", "spz", "--scene", scene.to_str().unwrap(), "--eval-every", "0", "--pole-mask", "9"];
+    compressed(&model, &out, &more).with(2, &["held-out photos", "there are no panoramas"]);
 }
 
 #[test]

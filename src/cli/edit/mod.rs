@@ -236,7 +236,7 @@ fn nothing_left(asked: &Asked, before: Option<([f32; 3], [f32; 3])>) -> Error {
 
 fn input(path: &Path, loaded: &Loaded) -> Value {
     json!({
-        "path": path,
+        "path": path.to_string_lossy(),
         "format": loaded.format.to_string(),
         "gaussians": loaded.gaussians.len(),
         "sh_degree": loaded.gaussians.degree(),
@@ -247,7 +247,7 @@ fn input(path: &Path, loaded: &Loaded) -> Value {
 
 fn output(path: Option<&Path>, model: &Gaussians, mode: RenderMode) -> Value {
     json!({
-        "path": path,
+        "path": path.map(Path::to_string_lossy),
         "bytes": path.map(bytes_on_disk),
         "gaussians": model.len(),
         "sh_degree": model.degree(),

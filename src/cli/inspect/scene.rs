@@ -115,7 +115,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
     Ok(json!({
         "kind": "scene",
         "format": scene.kind,
-        "source": scene.source,
+        "source": scene.source.to_string_lossy(),
         "views": scene.views.len(),
         "photos_present": scene.views.iter().filter(|v| v.photo_size.is_some()).count(),
         "photos_with_alpha": alpha,

@@ -38,6 +38,10 @@ pub fn curve(
 ) -> Result<CurveRecord, Error> {
     let Input { path, model, .. } = input;
     let (views, shown) = Views::load(session, &model, config, ALL)?;
+    if views.test.is_empty() {
+        let what = "a curve is measured on held-out photos, and there are none: give --eval-every 2 or more, and two photos at least";
+        return Err(Error::Usage(what.to_owned()));
+    }
     let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
     let judge = Judge::new(session, &views, shown.source(), false)?;
     drop(shown);

@@ -8,8 +8,8 @@ use crate::metrics::{Scores, mean};
 use crate::pipeline::compress::aim::{Aim, Point};
 use crate::pipeline::config::PruneRule;
 use crate::render::Style;
-use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use serde::{Deserialize, Serialize, Serializer};
+use std::path::{Path, PathBuf};
 
 /// A compression's JSON report.
 #[derive(Clone, Debug, Serialize)]
@@ -95,6 +95,7 @@ pub enum Truth {
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelFile {
     /// Path.
+    #[serde(serialize_with = "lossy")]
     pub path: PathBuf,
     /// Size in bytes.
     pub bytes: u64,
@@ -164,4 +165,9 @@ pub struct CompressTimes {
     pub evaluate_s: f64,
     /// Writing the model.
     pub write_s: f64,
+}
+
+/// Serialises a path; bytes of its name that are not UTF-8 are replaced.
+fn lossy<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&path.to_string_lossy())
 }

@@ -159,6 +159,9 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     skipped.repeated_points = listed - points.len();
     skipped.notes.extend(unseen(&views, &points));
     skipped.notes.extend(outlying(&views));
+    if options.pole_mask > 0.0 && views.iter().all(|view| view.face.is_none()) {
+        skipped.notes.push("there are no panoramas: --pole-mask masks nothing".to_owned());
+    }
     let near = near(&views, &points);
     let origin = DVec3::ZERO;
     let Listing { kind, root, .. } = listing;

@@ -133,6 +133,21 @@ fn bad_scenes_are_refused_with_file_and_record() {
     assert!(sandbox.path("posed/a.png").is_file() && !sandbox.path("posed/b.png").exists());
 }
 
+/// Names of files are bytes, which are not always UTF-8.
+#[test]
+#[cfg(target_os = "linux")]
+fn names_in_other_encodings_are_names() {
+    use std::os::unix::ffi::OsStrExt;
+    let sandbox = Sandbox::new();
+    let named = |name: &[u8]| sandbox.path("x").with_file_name(std::ffi::OsStr::from_bytes(name));
+    let (model, out) = (named(b"m\xe9.ply"), named(b"o\xe9.ply"));
+    fs::rename(sandbox.path("model.ply"), &model).unwrap();
+    let works = |arguments: &[&std::ffi::OsStr]| end(&mut qirf(arguments)).with(0, &[]);
+    works(&["inspect".as_ref(), model.as_ref(), "--json".as_ref()]);
+    works(&["edit".as_ref(), model.as_ref(), "-o".as_ref(), out.as_ref(), "--json".as_ref()]);
+    assert!(out.is_file());
+}
+
 #[test]
 fn what_cannot_be_held_or_written_is_resources() {
     let sandbox = Sandbox::new();
