@@ -311,7 +311,8 @@ mod tests {
         says(synth::Error::Foreign(path()), &["empty or new folder"]);
         says(Error::Write { path: path(), source: io::ErrorKind::StorageFull.into() }, &["free some space"]);
         says(Error::Write { path: path(), source: io::ErrorKind::NotFound.into() }, &["create its folder"]);
-        says(Error::Write { path: path(), source: io::ErrorKind::NotADirectory.into() }, &["; choose another path"]);
+        let nowhere = Error::Write { path: path(), source: io::ErrorKind::NotADirectory.into() };
+        assert_eq!(remedy(&nowhere).as_deref(), Some("choose another path"));
         says(Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["check the path"]);
         says(Error::NothingToTrainOn(path()), &["larger --eval-every"]);
         says(Error::NothingHeldOut(path()), &["--eval-every 1"]);
