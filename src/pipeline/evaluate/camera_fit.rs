@@ -18,8 +18,8 @@ const STEPS: usize = 10;
 const STILL: f64 = 0.02;
 /// Share by which the diagonal of the normal equations grows: keeps motions that the picture hardly determines small.
 const DAMPING: f64 = 1e-3;
-/// Largest number of pixels that a step reads, about.
-const PIXELS: usize = 1 << 17;
+/// Number of pixels of a photo that are looked at, about: half of them are fitted, half scored.
+const PIXELS: usize = 1 << 18;
 /// Depth in world units at which what shows no Gaussian is assumed.
 const FAR: f64 = 1e12;
 /// Side in pixels of the squares that are fitted and scored in turn.
@@ -90,15 +90,21 @@ impl CameraFit<'_> {
         Ok(if self.fits_exposure { exposed(&rendered, &self.truth, self.width()) } else { rendered })
     }
 
+    /// Columns of a row that are looked at, some of each row of a large photo: those that are fitted, or those that are scored.
+    fn columns(&self, y: usize, fitted: bool) -> impl Iterator<Item = usize> + use<> {
+        let (width, pixels) = (self.width(), self.photo.camera.pixels() as usize);
+        let every = pixels.div_ceil(PIXELS).max(1);
+        (y % every..width).step_by(every).filter(move |x| is_fitted(*x, y) == fitted)
+    }
+
     /// The sum of a function of the differences' squares in the squares that are fitted, or those that are scored, and the
     /// number of these differences.
     fn sum(&self, rendered: &[f32], fitted: bool, of: impl Fn(f64) -> f64 + Sync) -> (f64, usize) {
-        let width = self.width();
-        let rows = rendered.par_chunks_exact(3 * width).zip(self.truth.par_chunks_exact(3 * width)).enumerate();
+        let width = 3 * self.width();
+        let rows = rendered.par_chunks_exact(width).zip(self.truth.par_chunks_exact(width)).enumerate();
         let row = |(y, (a, b)): (usize, (&[f32], &[f32]))| {
-            let here = |(k, _): &(usize, _)| is_fitted(k / 3, y) == fitted;
-            let squares = a.iter().zip(b).enumerate().filter(here);
-            squares.fold((0.0, 0), |(sum, n), (_, (a, b))| (sum + of((f64::from(*a) - f64::from(*b)).powi(2)), n + 1))
+            let values = self.columns(y, fitted).flat_map(|x| 3 * x..3 * x + 3);
+            values.fold((0.0, 0), |(sum, n), k| (sum + of((f64::from(a[k]) - f64::from(b[k])).powi(2)), n + 1))
         };
         let rows: Vec<(f64, usize)> = rows.map(row).collect();
         (rows.iter().map(|row| row.0).sum(), rows.iter().map(|row| row.1).sum())
@@ -122,10 +128,9 @@ impl CameraFit<'_> {
     fn step(&self, camera: &Camera, rendered: &[f32], scale: f64) -> [f64; SIZE] {
         let (width, height) = (self.width(), self.photo.camera.height as usize);
         let (right, bottom) = (width.saturating_sub(1), height.saturating_sub(1));
-        let every = (width * height).div_ceil(2 * PIXELS).max(1);
         let row = |y: usize| {
             let mut sums = ([[0.0; SIZE]; SIZE], [0.0; SIZE]);
-            for x in (1 + y % every..right).step_by(every).filter(|x| is_fitted(*x, y)) {
+            for x in self.columns(y, true).filter(|x| (1..right).contains(x)) {
                 let pixel = y * width + x;
                 let motions = flow(camera, DVec2::new(x as f64, y as f64) + 0.5, self.depth(pixel));
                 for channel in 0..3 {
@@ -158,8 +163,7 @@ impl CameraFit<'_> {
     /// Root mean square of how far a picture moves from one camera to another, in pixels.
     fn distance(&self, from: &Camera, to: &Camera) -> f64 {
         let (width, height) = (self.width(), self.photo.camera.height as usize);
-        let every = (width * height).div_ceil(PIXELS).max(1);
-        let pixels: Vec<usize> = (0..width * height).step_by(every).collect();
+        let pixels: Vec<usize> = (0..height).flat_map(|y| self.columns(y, true).map(move |x| y * width + x)).collect();
         let moved = |pixel: &usize| {
             let at = DVec2::new((pixel % width) as f64, (pixel / width) as f64) + 0.5;
             let ray = ((at - from.principal) / from.focal).extend(1.0);

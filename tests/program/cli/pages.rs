@@ -136,17 +136,28 @@ fn a_page_obeys_mouse_and_keys_and_unpacks_without_the_browsers_help() {
     assert!(own == browsers && own.as_array().is_some_and(|words| words.len() == 240), "{own}");
 }
 
-#[test]
-fn a_page_of_a_hundred_thousand_opens() {
+/// Opens a page of this many small Gaussians.
+fn opens(n: usize) {
     let sandbox = Sandbox::new();
-    let mut large = cloud(100_000);
+    let mut large = cloud(n);
     large.log_scales.iter_mut().flatten().for_each(|s| *s -= 2.0);
     formats::write(&sandbox.path("large.ply"), &large, RenderMode::Plain).unwrap();
     sandbox.works(&["convert", "large.ply", "large.html"]);
     let Some(mut page) = open(&sandbox, "large.html") else { return };
-    assert_eq!(page.value("viewer.n"), 100_000);
+    assert_eq!(page.value("viewer.n"), n);
     assert!(page.value("viewer.pixels().some((v, i) => i % 4 < 3 && v > 60)") == true);
     assert_alone(&page);
+}
+
+#[test]
+fn a_page_of_a_hundred_thousand_opens() {
+    opens(100_000);
+}
+
+#[test]
+#[ignore = "a minute: the browser draws without a GPU"]
+fn a_page_of_a_million_opens() {
+    opens(1_000_000);
 }
 
 #[test]
