@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::Error;
 
-/// Refuses an `output` that is the same file as `input`, through any links.
+/// Refuses an `output` that is the same file as `input`, or one in that folder, through any links.
 ///
 /// # Errors
 /// [`Error::SameFile`]; [`Error::Io`] if a path that exists cannot be looked at.
@@ -18,7 +18,8 @@ pub fn refuse_overwrite(input: &Path, output: &Path) -> Result<(), Error> {
         Err(source) => Err(Error::Io { path: path.to_owned(), source }),
     };
     let (Some(from), Some(to)) = (canonical(input)?, canonical(output)?) else { return Ok(()) };
-    if from == to || same_inode(&from, &to) {
+    // A model in a folder is all files in it.
+    if to.starts_with(&from) || same_inode(&from, &to) {
         return Err(Error::SameFile { path: output.to_owned() });
     }
     Ok(())
@@ -164,5 +165,7 @@ mod tests {
         fs::hard_link(&input, &link).unwrap();
         #[cfg(unix)]
         assert!(matches!(refuse_overwrite(&input, &link), Err(Error::SameFile { .. })));
+        assert!(matches!(refuse_overwrite(folder.path(), &input), Err(Error::SameFile { .. })), "a part of it");
+        assert!(refuse_overwrite(folder.path(), &folder.path().join("out.ply")).is_ok());
     }
 }
