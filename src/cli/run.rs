@@ -112,6 +112,14 @@ impl Arguments {
         if found == Earlier::Interrupted && !self.resume {
             return Err(Error::Unfinished(output.checkpoint()));
         }
+        let begins = matches!(&config.init, Init::Model(initial) if formats::refuse_overwrite(initial, &output.model()).is_err());
+        if output.model().exists() && !output.config().exists() && !begins {
+            let model = output.model();
+            return Err(Error::Usage(format!(
+                "{} is of no run, and would be lost; name another folder",
+                model.display()
+            )));
+        }
         let mut watcher = Show::new(console);
         watcher.record(recorder);
         watcher.print_log(self.json_progress);

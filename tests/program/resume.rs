@@ -150,6 +150,10 @@ fn a_finished_run_is_left_as_it_is() {
     let photos = scene.join("images");
     says(&mut command(&scene, &photos, &[]), 2, &["among the scene's own photos"]);
     assert!(!photos.join("config.toml").exists());
+    let foreign = folder.path().join("foreign");
+    std::fs::create_dir(&foreign).unwrap();
+    std::fs::copy(out.join("model.ply"), foreign.join("model.ply")).unwrap();
+    says(&mut command(&scene, &foreign, &[]), 2, &["foreign/model.ply is of no run"]);
     let mut compare = qirf(["compare".as_ref(), scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);
     says(&mut compare, 2, &["holds a run and its figures"]);
     assert_eq!(before, files.map(written));
