@@ -26,12 +26,16 @@ const FEW: f64 = 1e-3;
 /// Times that a run trains on each photo, divided by the number of photos, from which pictures leave Gaussians out.
 pub const LOOKS: f64 = 4.5;
 
+/// Largest number of photos with which pictures leave Gaussians out: of more, some show the same place, and to leave Gaussians
+/// out only costs.
+const FEW_PHOTOS: usize = 30;
+
 /// How often a run of `iterations` trains on each photo, divided by the number of photos.
 pub fn looks(iterations: u32, photos: usize) -> f64 {
     f64::from(iterations) / (photos.max(1) as f64).powi(2)
 }
 
-/// Dropout: how often the run trains on each photo, and how few others show the same place. Before nothing, an object would
+/// Dropout: how few photos there are, and how often the run trains on each. Before nothing, an object would
 /// have holes where Gaussians are left out, which no other Gaussian can hide.
 pub fn dropout(set: &TrainingSet<'_>) -> Decision {
     let photos = set.train.len();
@@ -42,6 +46,10 @@ pub fn dropout(set: &TrainingSet<'_>) -> Decision {
         return Decision::plain(Effect::Dropout, false, why);
     }
     let evidence = format!("{evidence} in {} iterations", set.iterations);
+    if photos > FEW_PHOTOS {
+        let why = format!("{evidence}, and more than {FEW_PHOTOS} photos correct each other");
+        return Decision::plain(Effect::Dropout, false, why);
+    }
     Decision::by(Effect::Dropout, looks(set.iterations, photos), LOOKS, evidence)
 }
 

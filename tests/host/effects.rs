@@ -15,10 +15,10 @@ fn decisions(path: &Path) -> Vec<Decision> {
     decisions
 }
 
-fn of_synth(effects: &[synth::Effect]) -> Vec<Decision> {
+fn of_synth(views: usize, effects: &[synth::Effect]) -> Vec<Decision> {
     let folder = tempfile::tempdir().unwrap();
     let options =
-        SynthOptions { views: 32, width: 96, height: 72, points: 900, effects: effects.to_vec(), ..Default::default() };
+        SynthOptions { views, width: 96, height: 72, points: 900, effects: effects.to_vec(), ..Default::default() };
     write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
     println!("{effects:?}");
     decisions(folder.path())
@@ -40,7 +40,7 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
         (vec![Made::Matte], None),
         (vec![Made::Glossy], None),
     ] {
-        let found = of_synth(&made);
+        let found = of_synth(32, &made);
         assert_eq!(found.iter().map(|d| d.name).collect::<Vec<_>>(), Effect::ALL);
         for d in found.iter().filter(|d| ![Effect::ViewDependence, Effect::Dropout].contains(&d.name)) {
             assert_eq!(d.on, Some(d.name) == called, "{made:?}: {} {}", d.name.name(), d.evidence);
@@ -55,6 +55,14 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
             _ => {}
         }
     }
+}
+
+/// Of 36 photos 31 are trained on: too many to leave Gaussians out, however long the run.
+#[test]
+fn many_photos_need_no_dropout() {
+    let found = of_synth(36, &[]);
+    let dropout = found.iter().find(|d| d.name == Effect::Dropout).unwrap();
+    assert!(!dropout.on && dropout.evidence.contains("31 photos"), "{}", dropout.evidence);
 }
 
 #[test]
@@ -73,6 +81,8 @@ fn shared_scenes_call_for_what_they_show() {
             assert!(!is_on(&found, off), "{name}");
         }
         assert_eq!(is_on(&found, Effect::Cameras), name == "king");
+        // King has 20 photos to train on, the others 43 and more.
+        assert_eq!(is_on(&found, Effect::Dropout), name == "king", "{name}");
     }
 }
 

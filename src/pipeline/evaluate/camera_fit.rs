@@ -16,6 +16,9 @@ use rayon::prelude::*;
 const STEPS: usize = 10;
 /// Step in pixels below which the camera stays where it is.
 const STILL: f64 = 0.02;
+/// Largest distance from the given camera, as a share of the picture's longer side: a model that hardly shows the scene
+/// fits as well from elsewhere.
+const FURTHEST: f64 = 0.05;
 /// Share by which the diagonal of the normal equations grows: keeps motions that the picture hardly determines small.
 const DAMPING: f64 = 1e-3;
 /// Number of pixels of a photo that are looked at, about: half of them are fitted, half scored.
@@ -64,6 +67,10 @@ impl CameraFit<'_> {
         for _ in 0..STEPS {
             let [a, b, c, x, y, z] = self.step(&camera, &best, scale);
             let next = camera.moved(DVec3::new(a, b, c), DVec3::new(x, y, z));
+            let apart = self.distance(given, &next);
+            if apart > FURTHEST * f64::from(given.width.max(given.height)) || !apart.is_finite() {
+                break;
+            }
             let drawn = picture(&next)?;
             let reached = self.error(&drawn, scale);
             if reached >= error || !reached.is_finite() {
