@@ -44,7 +44,7 @@
 //! | `faer` | `qirf`: selection of Gaussians to prune | |
 //! | `lapack` | `qirf` by LAPACK, which is preferred to `faer` if both are on; Linux only | the system's OpenBLAS (`libopenblas-dev`) |
 //! | `synth` | `synth`: an embedded scene, ray-traced into a capture | |
-//! | `pipeline` | `pipeline`: whole jobs such as run, compress and eval; `selftest` | `train`, `synth`; `faer` or `lapack` |
+//! | `pipeline` | `pipeline`: whole jobs such as run, compress and eval; `job`, what they share; `selftest` | `train`, `synth`; `faer` or `lapack` |
 //! | `report` | `report`: pages of a job's results | `pipeline` |
 //! | `view` | `view`: a viewer for browsers | `pipeline` |
 //! | `pose` | `pose`: camera poses of photos and videos, by COLMAP or OpenMVG-rs | `pipeline` |
@@ -86,6 +86,8 @@ pub mod wording;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;
+#[cfg(feature = "pipeline")]
+pub mod job;
 #[cfg(feature = "lab")]
 pub mod lab;
 #[cfg(feature = "pipeline")]

@@ -2,7 +2,7 @@
 
 use crate::errors::raised;
 use engine::gpu::{self, DeviceOptions};
-use engine::pipeline::Error;
+use engine::job::Error;
 use pyo3::prelude::*;
 
 /// A Vulkan device by its index, a part of its name, "uuid:..." or "pci:..."; by default $QIRF_DEVICE, else the best device.

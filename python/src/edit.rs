@@ -27,7 +27,7 @@ impl Model {
 }
 
 fn checked<T>(made: Result<T, engine::edit::Error>) -> PyResult<T> {
-    made.map_err(|e| raised(engine::pipeline::Error::from(e)))
+    made.map_err(|e| raised(engine::job::Error::from(e)))
 }
 
 #[pymethods]

@@ -1,6 +1,6 @@
 //! The engine's errors as Python's exceptions, with the engine's words.
 
-use engine::pipeline::{Error, Exit};
+use engine::job::{Error, Exit};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::error::Error as _;

@@ -5,7 +5,7 @@ use crate::errors::{raised, wrong};
 use engine::gaussians::formats::{self, Loaded, RenderMode};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
-use engine::pipeline::Error;
+use engine::job::Error;
 use engine::pipeline::place::place;
 use numpy::ndarray::{ArrayView, Dimension, IntoDimension};
 use numpy::{PyArray, PyArray1, PyArray2, PyArray3};

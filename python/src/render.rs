@@ -8,8 +8,9 @@ use engine::gaussians::Gaussians;
 use engine::gaussians::outline::outline;
 use engine::gaussians::resident::Resident;
 use engine::glam::{DMat3, DVec2, DVec3};
+use engine::job::Error;
 use engine::pipeline::render::near_at;
-use engine::pipeline::{Error, budget, depth};
+use engine::pipeline::{budget, depth};
 use engine::render::{Image, Painter, Settings, Source, Style};
 use engine::scene::{
     camera,

@@ -1,8 +1,8 @@
 //! Follows a job for Python: callbacks, Ctrl-C, and notes in the log.
 
 use crate::arrays::dictionary;
-use engine::pipeline::Watcher;
-use engine::pipeline::run_log::LogLine;
+use engine::job::Watcher;
+use engine::job::run_log::LogLine;
 use engine::train::Progress;
 use pyo3::prelude::*;
 use std::sync::Mutex;
@@ -26,7 +26,7 @@ impl Follower {
     }
 
     /// The job's outcome; the callback's own exception comes first.
-    pub fn result<T>(&self, result: Result<T, engine::pipeline::Error>) -> PyResult<T> {
+    pub fn result<T>(&self, result: Result<T, engine::job::Error>) -> PyResult<T> {
         match self.raised.lock().map(|mut raised| raised.take()) {
             Ok(Some(exception)) if result.is_err() => Err(exception),
             _ => result.map_err(crate::errors::raised),

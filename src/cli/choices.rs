@@ -2,8 +2,8 @@
 //! values.
 
 use super::values;
-use crate::pipeline::Error;
-use crate::pipeline::config::PruneRule;
+use crate::job::Error;
+use crate::job::config::PruneRule;
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;

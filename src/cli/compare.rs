@@ -6,10 +6,10 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::{Global, holds_run, tell_of_missing};
+use crate::job::Error;
+use crate::job::config::{PruneRule, Pruning};
+use crate::job::{Output, RunConfig, earlier};
 use crate::lab::compare::{Arm, CompareRecord, arms_help, compare, compare_seeds, of_seeds, write_page};
-use crate::pipeline::Error;
-use crate::pipeline::config::{PruneRule, Pruning};
-use crate::pipeline::{Output, RunConfig, earlier};
 use crate::qirf::select::budget::Keep;
 use std::path::PathBuf;
 

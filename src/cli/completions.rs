@@ -1,7 +1,7 @@
 //! `qirf-vk completions SHELL`.
 
 use super::console::Console;
-use crate::pipeline::Error;
+use crate::job::Error;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk completions bash > ~/.local/share/bash-completion/completions/qirf-vk

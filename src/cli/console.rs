@@ -1,6 +1,6 @@
 //! Output: results go to standard output, all else to standard error; colour and bars appear only on a terminal.
 
-use crate::pipeline::Error;
+use crate::job::Error;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;

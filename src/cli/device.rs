@@ -4,7 +4,7 @@ use super::Global;
 use super::console::Console;
 use super::values;
 use crate::gpu::{self, Compiled, Device, DeviceInfo, Feature, Tuning};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::pipeline::kernels::compiled;
 use crate::pipeline::tune::{Tuned, tune};
 use crate::selftest;

@@ -3,9 +3,9 @@
 use super::console::Console;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode};
-use crate::pipeline::Error;
-use crate::pipeline::diagnostics::Diagnostics;
-use crate::pipeline::output::same_place;
+use crate::job::Error;
+use crate::job::diagnostics::Diagnostics;
+use crate::job::output::same_place;
 use std::path::{Path, PathBuf};
 
 /// The file's extension: no model has it, so that none is overwritten.

@@ -9,12 +9,12 @@ use super::values;
 use super::{Global, check_folder, holds_run, tell_of_missing};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
+use crate::job::Error;
+use crate::job::records::{RunRecord, ViewScores};
+use crate::job::{Output, RunConfig, Selection};
 use crate::metrics::{Networks, Scores};
-use crate::pipeline::Error;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::place::{align, place};
-use crate::pipeline::records::{RunRecord, ViewScores};
-use crate::pipeline::{Output, RunConfig, Selection};
 use crate::render::Style;
 use std::path::{Path, PathBuf};
 

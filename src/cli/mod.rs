@@ -33,8 +33,8 @@ mod view;
 mod viewer;
 
 use crate::gpu::{Device, DeviceOptions, Milliseconds, TuningChoice};
+use crate::job::{Error, Exit};
 use crate::metrics::Networks;
-use crate::pipeline::{Error, Exit};
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Colour, Console};
 use std::io::{self, IsTerminal};

@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::show::Show;
 use super::values;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::pose::{self, Backend, Matching, Options, Posed};
 use crate::scene::photo_folder;
 use clap::Args;

@@ -1,7 +1,7 @@
 //! Remedies for errors. The floors below name causes and know no options; this file adds the advice.
 
 use super::inspect::is_run;
-use crate::pipeline::{Error, Relief};
+use crate::job::{Error, Relief};
 use crate::scene::{OpenOptions, Scene};
 use crate::{edit, gaussians, gpu, metrics, scene, synth, train};
 use std::io;

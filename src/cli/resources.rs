@@ -3,10 +3,10 @@
 use super::scratch::Scratch;
 use super::{Global, values};
 use crate::gpu::Device;
+use crate::job::Error;
+use crate::job::{Session, Watcher};
 use crate::lab::methods::make;
 use crate::metrics::Networks;
-use crate::pipeline::Error;
-use crate::pipeline::{Session, Watcher};
 use clap::Args;
 use std::path::PathBuf;
 

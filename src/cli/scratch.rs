@@ -1,8 +1,8 @@
 //! The folder of temporary files.
 
 use crate::gpu::Device;
+use crate::job::{Session, Watcher, host_bytes};
 use crate::metrics::Networks;
-use crate::pipeline::{Session, Watcher, host_bytes};
 use clap::Args;
 use clap::builder::{OsStringValueParser, TypedValueParser};
 use std::path::PathBuf;

@@ -3,7 +3,7 @@
 use super::Global;
 use super::console::Console;
 use crate::gpu::{Device, DeviceKind};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::selftest::{self, Case, Check, News, ROUNDING, Verdict};
 use serde_json::json;
 use std::thread;
@@ -131,7 +131,7 @@ fn row(console: &Console, check: &Check) -> String {
 mod tests {
     use super::*;
     use crate::cli::remedy::remedy;
-    use crate::pipeline::Exit;
+    use crate::job::Exit;
 
     #[test]
     fn one_wrong_check_is_exit_code_4_and_names_its_room() {

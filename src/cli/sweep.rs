@@ -9,12 +9,12 @@ use super::training::Training;
 use super::values::{self, Up};
 use super::{Global, check_folder, tell_of_missing};
 use crate::gaussians::formats::Loaded;
+use crate::job::Error;
+use crate::job::{Output, Preset, RunConfig, Session};
 use crate::lab::sweep::records::figure;
 use crate::lab::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
 use crate::metrics::Networks;
-use crate::pipeline::Error;
 use crate::pipeline::virtual_views::VirtualCameras;
-use crate::pipeline::{Output, Preset, RunConfig, Session};
 use std::path::PathBuf;
 use std::time::Instant;
 

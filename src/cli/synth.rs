@@ -2,7 +2,7 @@
 
 use super::console::Console;
 use super::values;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::synth::{self, Effect, Kind, SynthOptions};
 use crate::wording::counted;
 use std::path::PathBuf;

@@ -1,7 +1,7 @@
 //! Values on the command line: sizes, colours, resolutions, directions.
 
 use crate::gaussians::formats::SpzPrecision;
-use crate::pipeline::config::ranges::MOST_GAUSSIANS;
+use crate::job::config::ranges::MOST_GAUSSIANS;
 use crate::qirf::partition::Partition;
 use crate::render::Style;
 use crate::scene::Resize;

@@ -1,8 +1,8 @@
 //! Pages that draw a model by themselves, for `convert` and the reports of `run`.
 
 use crate::gaussians::formats::{self, Loaded};
+use crate::job::{Error, Session};
 use crate::pipeline::render::picture;
-use crate::pipeline::{Error, Session};
 use crate::render::Style;
 use crate::report::picture::data_uri;
 use crate::view::alone::{PageOptions, page};

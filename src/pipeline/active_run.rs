@@ -2,21 +2,22 @@
 //! checkpoint.
 
 use super::checkpoint::{Checkpoint, RunNotes};
-use super::config::{ResponseSource, RunConfig};
 use super::effects;
 use super::evaluate::{Evaluator, camera_errors, exhibits, mean, protocol};
-use super::floaters::{FloaterCounts, of_training};
-use super::output::Output;
+use super::floaters::of_training;
 use super::pair_capacity;
 use super::prune::{PruneRequest, prune};
-use super::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, PruneRecord, RunRecord, Times};
-use super::run_log::{LogLine, LoggedRates, RunLog};
-use super::session::Session;
 use super::setup::Setup;
 use super::start::{Start, initialise};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::{ResponseSource, RunConfig};
+use crate::job::output::Output;
+use crate::job::records::FloaterCounts;
+use crate::job::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, PruneRecord, RunRecord, Times};
+use crate::job::run_log::{LogLine, LoggedRates, RunLog};
+use crate::job::session::Session;
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::train::loss::Weights;

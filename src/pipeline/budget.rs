@@ -1,19 +1,19 @@
 //! Checks that a job fits the device's memory, before its work starts.
 
-use super::config::{Init, PruneRule, RunConfig};
 use super::effects;
 use super::evaluate::Evaluator;
-use super::host_memory;
 use super::pair_capacity;
 use super::prepare::{Opened, Prepared};
-use super::session::Session;
 use super::start::Start;
 use super::virtual_views;
 use crate::effects::Effect;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
-use crate::pipeline::{Error, Relief};
+use crate::job::config::{Init, PruneRule, RunConfig};
+use crate::job::host_memory;
+use crate::job::session::Session;
+use crate::job::{Error, Relief};
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::study;
 use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};

@@ -1,8 +1,8 @@
 //! A run's checkpoint: the trainer's state with the run's own notes. Notes that cannot be read are an error: without
 //! its prunes, a run would prune again.
 
-use super::records::{CurvePoint, PruneRecord};
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::records::{CurvePoint, PruneRecord};
 use crate::train::checkpoint::{OWN_NOTES, Snapshot};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

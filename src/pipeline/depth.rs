@@ -10,8 +10,8 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
+use crate::job::Error;
 use crate::kernels::constants::sh::float64::SH_C0;
-use crate::pipeline::Error;
 use crate::render::{Image, Painter, Settings, Source};
 use crate::scene::camera::Camera;
 

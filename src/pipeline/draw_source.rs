@@ -1,9 +1,9 @@
 //! A model of which a job shows pictures: on the device if it fits there, else on the host.
 
-use super::session::Session;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::session::Session;
 use crate::render::Source;
 
 /// A model, and its copy on the device if that holds it.

@@ -1,12 +1,12 @@
 //! Effects that a scene calls for, decided on a run's training photos, and their consequences for the run.
 
-use super::config::RunConfig;
 use super::depth_maps;
 use super::prepare::Prepared;
 use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::RunConfig;
 use crate::render::Style;
 use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, View, load_photos};
 use crate::train::{self, schedule::Schedule};
@@ -145,7 +145,7 @@ pub fn timed(mut decisions: Vec<Decision>, timings: &Timings) -> Vec<Decision> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::config::Preset;
+    use crate::job::config::Preset;
 
     #[test]
     fn keys_that_decide_nothing_are_named() {

@@ -1,16 +1,16 @@
 //! `qirf-vk eval`: a model of any format against a scene's held-out photos, or against another model's pictures.
 
 use super::budget;
-use super::config::Selection;
 use super::draw_source::DrawSource;
 use super::evaluate::{Assessment, Evaluator, HeldOut, camera_errors, protocol};
-use super::output::Output;
 use super::prepare::{Prepared, open, refuse_photo_folders};
-use super::records::{RunRecord, Times};
-use super::session::Session;
 use super::virtual_views::{ALL, OwnPictures, VirtualCameras};
 use crate::gaussians::Gaussians;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::Selection;
+use crate::job::output::Output;
+use crate::job::records::{RunRecord, Times};
+use crate::job::session::Session;
 use crate::render::{Settings, Source, Style};
 use crate::scene::camera;
 use std::path::Path;

@@ -2,9 +2,9 @@
 
 use super::evaluate::pictures::Format;
 use super::render::{RenderConfig, RenderTimes, Shot, frame_digits, frames, render};
-use super::session::Session;
 use crate::gaussians::Gaussians;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::session::Session;
 use crate::scene::camera::Camera;
 use std::io;
 use std::path::Path;

@@ -1,53 +1,22 @@
 //! Evidence for the detection of floaters, from photos or from a model's own pictures.
 
 use super::budget::{self, CompressNeeds};
-use super::config::{Pruning, Selection};
 use super::draw_source::DrawSource;
 use super::pair_capacity;
 use super::place::place_in;
 use super::prepare::open;
-use super::session::Session;
 use super::virtual_views::{self, VirtualCameras};
 use crate::edit::{Evidence, Reason};
 use crate::gaussians::Gaussians;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::{Pruning, Selection};
+use crate::job::session::Session;
 use crate::render::{Settings, Source, Style};
 use crate::response::{Responses, Wanted};
 use crate::scene::Photo;
 use crate::train::loss::Weights;
 use crate::train::schedule::Schedule;
 use crate::train::{self, Options, Trainer};
-use serde::Serialize;
-use std::fmt;
-
-/// Numbers of floaters by rule.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct FloaterCounts {
-    /// The photos that see them disagree with them.
-    pub disagree: usize,
-    /// They are close to a single camera.
-    pub near_one: usize,
-    /// No photo needs them, and they are isolated.
-    pub alone: usize,
-}
-
-impl FloaterCounts {
-    /// Of these.
-    pub fn of(found: &[Option<Reason>]) -> Self {
-        let count = |reason: Reason| found.iter().filter(|f| **f == Some(reason)).count();
-        Self { disagree: count(Reason::Disagrees), near_one: count(Reason::NearOne), alone: count(Reason::Alone) }
-    }
-}
-
-impl fmt::Display for FloaterCounts {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { disagree, near_one, alone } = self;
-        write!(
-            f,
-            "the photos want {disagree} gone, {near_one} show near one camera only, {alone} are alone and no photo needs them"
-        )
-    }
-}
 
 /// The rule by which each Gaussian of a model is a floater, if any, by the training photos of a scene. `origin` is the local origin of
 /// its means in the world.

@@ -1,10 +1,10 @@
 //! The kernels of a run, compiled but not run, for the statistics of the device's compiler.
 
-use super::config::Preset;
 use super::prune::{PruneRequest, plan};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Compiled, Device};
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::Preset;
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Keep;

@@ -2,10 +2,10 @@
 
 use super::evaluate::pictures;
 use super::render::{RenderConfig, RenderTimes};
-use super::session::Session;
 use super::{budget, draw_source::DrawSource};
 use crate::gaussians::Gaussians;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::session::Session;
 use crate::render::{Image, Painter};
 use crate::scene::camera::Camera;
 use glam::{DVec2, DVec3};

@@ -1,7 +1,7 @@
 //! Models and scenes with different local origins in one world.
 
-use super::Error;
 use crate::gaussians::Gaussians;
+use crate::job::Error;
 use crate::scene::{OpenOptions, Scene, origin};
 use glam::DVec3;
 use std::path::Path;

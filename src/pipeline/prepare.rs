@@ -1,10 +1,10 @@
 //! From a scene on disk to views in memory.
 
-use super::config::Selection;
 use super::depth_maps::{self, DepthMaps};
-use super::watcher::Watcher;
 use crate::effects::{DepthEvidence, Effect};
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::Selection;
+use crate::job::watcher::Watcher;
 use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};

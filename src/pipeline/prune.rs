@@ -1,12 +1,12 @@
 //! One prune of a model: responses, study of its blocks, selection, merge, and compaction of a model in training.
 
-use super::config::{PruneRule, ResponseSource};
-use super::diagnostics::Diagnostics;
-use super::records::{PruneGuards, PruneRecord, PruneSeconds, RankRecord};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::{PruneRule, ResponseSource};
+use crate::job::diagnostics::Diagnostics;
+use crate::job::records::{PruneGuards, PruneRecord, PruneSeconds, RankRecord};
 use crate::qirf::CHANNELS;
 use crate::qirf::pairs::{self, Pairs};
 use crate::qirf::select::Selector;

@@ -3,11 +3,11 @@
 use super::depth::{self, DepthPainter};
 use super::evaluate::pictures::{self, Format};
 use super::prepare::refuse_photo_folders;
-use super::session::Session;
 use super::{budget, draw_source::DrawSource};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::session::Session;
 use crate::render::{Image, Painter, Settings};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Framing, Look};

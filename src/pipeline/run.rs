@@ -1,13 +1,13 @@
 //! `qirf-vk run`: from photos to a trained model, its pictures and its figures.
 
 use super::active_run::ActiveRun;
-use super::config::{Init, RunConfig};
-use super::output::Output;
-use super::records::RunRecord;
-use super::session::Session;
 use super::setup::{Setup, tuned};
 use crate::gaussians::formats;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::{Init, RunConfig};
+use crate::job::output::Output;
+use crate::job::records::RunRecord;
+use crate::job::session::Session;
 
 /// Trains, prunes if configured, evaluates and writes a run. With `resume` it continues from the folder's checkpoint,
 /// if there is one, and gives the same bytes as an uninterrupted run.

@@ -1,14 +1,15 @@
 //! The setup that runs share: checkpoint, scene, estimate of memory, photos, effects.
 
 use super::checkpoint::Checkpoint;
-use super::config::{Init, RunConfig};
 use super::prepare::{Prepared, open, refuse_photo_folders};
-use super::session::Session;
 use super::start::Start;
-use super::{Output, Watcher, budget, effects};
+use super::{budget, effects};
 use crate::effects::Decision;
 use crate::gpu::Device;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::{Init, RunConfig};
+use crate::job::session::Session;
+use crate::job::{Output, Watcher};
 use crate::train::Exposures;
 use std::time::Instant;
 

@@ -1,11 +1,11 @@
 //! The initial Gaussians of training.
 
 use super::checkpoint::Checkpoint;
-use super::config::{Init, RunConfig};
 use super::place::place_in;
 use super::prepare::Prepared;
 use crate::gaussians::{Gaussians, formats};
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::config::{Init, RunConfig};
 use crate::scene::{FEWEST_POINTS, Scene, SceneKind};
 use crate::train::initialise::{self, Seed};
 

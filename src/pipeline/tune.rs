@@ -2,7 +2,7 @@
 
 use crate::gaussians::Gaussians;
 use crate::gpu::{Device, DeviceKind, Tuning, Variant, variants};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::random::Random;
 use crate::scene::Photo;
 use crate::scene::camera::Camera;

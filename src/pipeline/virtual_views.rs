@@ -3,11 +3,11 @@
 use super::evaluate::pictures::byte;
 use super::evaluate::rgb;
 use super::pair_capacity;
-use super::session::Session;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::gpu::{Buffer, Device, Recording};
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::session::Session;
 use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
 use crate::response::{self, HighPass, Responses, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};

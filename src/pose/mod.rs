@@ -11,7 +11,7 @@ mod rig;
 mod source;
 mod video;
 
-use crate::pipeline::{Error, Watcher};
+use crate::job::{Error, Watcher};
 use crate::scene::Names;
 use folder::Folder;
 use serde::{Deserialize, Serialize};

@@ -3,7 +3,7 @@
 use super::child::{self, Output};
 use super::folder::Folder;
 use super::{POSES, Watcher};
-use crate::pipeline::Error;
+use crate::job::Error;
 
 /// The program.
 pub(super) const PROGRAM: &str = "openmvg-sfm";

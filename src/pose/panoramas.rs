@@ -11,7 +11,7 @@ use serde_json::json;
 use super::Watcher;
 use super::folder::Folder;
 use super::rig::Rig;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::scene::faces::{self, CUBE};
 use crate::scene::{AlphaRole, CameraKind, LoadOptions, Photo, View, load_photos};
 

@@ -2,7 +2,7 @@
 
 use super::folder::Folder;
 use super::{FEWEST, Matching, Posed, SHARES, path};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::scene::{Names, OpenOptions, Scene};
 use std::collections::BTreeSet;
 use std::fs;

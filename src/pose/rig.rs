@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::Deserialize;
 use serde_json::json;
 
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::scene;
 
 /// COLMAP's file of rigs, beside the photos or beside their folder.

@@ -4,7 +4,7 @@ use super::Watcher;
 use super::folder::{Folder, Key};
 use super::rig::{self, Rig};
 use super::video;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::scene::{Names, PhotoTree, masks_of};
 use std::fs;
 use std::path::{Path, PathBuf};

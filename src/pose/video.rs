@@ -2,8 +2,8 @@
 
 use super::child::{self, Grey, Output, Said, on_path};
 use super::folder::Folder;
-use crate::pipeline::Error;
-use crate::pipeline::watcher::Watcher;
+use crate::job::Error;
+use crate::job::watcher::Watcher;
 use std::fs;
 use std::path::Path;
 

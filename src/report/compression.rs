@@ -3,8 +3,8 @@
 use super::format::{NONE, bytes, count, decimals, percent, seconds};
 use super::page::{self, Column, Section, Tile, absent, table, tiles};
 use super::run::{blocks, pruning};
+use crate::job::records::{CompressRecord, StageScores, Truth};
 use crate::metrics::Scores;
-use crate::pipeline::records::{CompressRecord, StageScores, Truth};
 use maud::Markup;
 use std::slice::from_ref;
 

@@ -4,7 +4,7 @@ use super::format::{NONE, bytes, count, decimals};
 use super::page::Column::{self, Number, Text};
 use super::page::{self, Section, list, table};
 use super::plot::{Axis, Drawing, Line, Lines};
-use crate::pipeline::records::{CurveRecord, FileRecord};
+use crate::job::records::{CurveRecord, FileRecord};
 use maud::Markup;
 
 /// The whole page.

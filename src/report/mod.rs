@@ -11,11 +11,11 @@ pub mod plot;
 mod run;
 pub mod slider;
 
-use crate::pipeline::Error;
-use crate::pipeline::Output;
+use crate::job::Error;
+use crate::job::Output;
 pub use run::cut;
 
-use crate::pipeline::records::{CompressRecord, CurveRecord, RunRecord};
+use crate::job::records::{CompressRecord, CurveRecord, RunRecord};
 
 /// Writes `report.html` of a run into its folder, from its results and the folder's pictures and `config.toml`; missing
 /// ones are left out. `viewer` is a page that draws the model.

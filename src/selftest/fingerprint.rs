@@ -8,7 +8,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::formats::crc32;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::qirf::pairs;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};

@@ -3,11 +3,11 @@
 use super::files::{Files, crc32_of_file};
 use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::{Gaussians, formats};
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::output::{absolute, bytes_on_disk, from_root};
+use crate::job::records::{ModelFile, PruneRecord, StageScores, ViewStages};
+use crate::job::session::Session;
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
-use crate::pipeline::output::{absolute, bytes_on_disk, from_root};
-use crate::pipeline::records::{ModelFile, PruneRecord, StageScores, ViewStages};
-use crate::pipeline::session::Session;
 use crate::response::CHUNK;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

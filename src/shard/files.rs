@@ -5,7 +5,7 @@ use super::sealed;
 use super::task::{Listed, Task};
 use crate::gaussians::formats::{self, RenderMode};
 use crate::gaussians::{Gaussians, formats::crc32};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::response::Responses;
 use crate::train::checkpoint::Snapshot;
 use serde::de::DeserializeOwned;

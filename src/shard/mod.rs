@@ -17,7 +17,7 @@ pub use plan::{Job, Plan};
 pub use task::{Listed, Stage, Task};
 
 use crate::gaussians::formats;
-use crate::pipeline::{Error, Session};
+use crate::job::{Error, Session};
 use crate::wording::mebibytes;
 use files::Files;
 use fs4::FileExt;

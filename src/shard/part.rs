@@ -1,7 +1,7 @@
 //! The file of a chunk's responses: rows of the Gaussians that its views show, with the plan's hash and a checksum.
 
 use crate::gaussians::formats::crc32;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::response::{CHANNELS, Responses, Score};
 use bytemuck::{cast_slice, cast_slice_mut};
 use safetensors::SafeTensorError;

@@ -1,7 +1,7 @@
 //! JSON files of tasks, with the plan's hash and a checksum of the content.
 
 use crate::gaussians::formats::crc32;
-use crate::pipeline::Error;
+use crate::job::Error;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -5,11 +5,11 @@
 use super::files::Files;
 use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::Gaussians;
-use crate::pipeline::Error;
-use crate::pipeline::Output;
+use crate::job::Error;
+use crate::job::Output;
+use crate::job::records::PruneRecord;
+use crate::job::session::Session;
 use crate::pipeline::evaluate::Assessment;
-use crate::pipeline::records::PruneRecord;
-use crate::pipeline::session::Session;
 use crate::response::CHUNK;
 use crate::shard::blocks::{BlockRun, BlockState, Layout, Meeting, copies, joined};
 use crate::train::checkpoint::Snapshot;

@@ -4,7 +4,7 @@
 use super::protocol::{Encoding, Header, Message};
 use super::requests::{Outgoing, Requests};
 use super::subject::jpeg;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::pipeline::evaluate::pictures::{byte, write_png};
 use crate::render::Image;
 use jpeg_encoder::SamplingFactor;

@@ -4,9 +4,9 @@
 use super::protocol::Picture;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
+use crate::job::Error;
+use crate::job::diagnostics::{self, Diagnostics, NO_BLOCK};
 use crate::kernels::constants::sh::float64::SH_C0;
-use crate::pipeline::Error;
-use crate::pipeline::diagnostics::{self, Diagnostics, NO_BLOCK};
 use crate::qirf::partition::Partition;
 use crate::random::mix;
 use crate::render::Image;

@@ -5,8 +5,8 @@ use super::protocol::{Encoding, Figure, Header, MOST_PIXELS, Picture, Request, R
 use super::subject::{Capture, Subject};
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
-use crate::pipeline::Error;
-use crate::pipeline::diagnostics::Diagnostics;
+use crate::job::Error;
+use crate::job::diagnostics::Diagnostics;
 use crate::pipeline::evaluate::{hide, rgb, truth};
 use crate::render::{Image, Renderer, Settings};
 use crate::scene::Photo;

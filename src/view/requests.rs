@@ -2,7 +2,7 @@
 //! its last frames gets no new ones, so that latency cannot build up.
 
 use super::protocol::{Control, Header, Request};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::render::Image;
 use serde_json::json;
 use std::collections::BTreeMap;

@@ -5,7 +5,7 @@ use super::guard::{Asked, Guard, Verdict};
 use super::http::{self, HttpRequest, Status};
 use super::requests::Requests;
 use super::subject::{Job, Subject};
-use crate::pipeline::Error;
+use crate::job::Error;
 use std::io::Write;
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::Arc;

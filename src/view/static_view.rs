@@ -6,7 +6,7 @@ use super::subject::{Model, Subject};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::render::Settings;
 
 /// A reduced picture draws one in this many Gaussians: those with the largest product of opacity and area.

@@ -1,8 +1,8 @@
 //! The subject of a viewer: models, and the capture from which they were made.
 
 use crate::gaussians::Gaussians;
-use crate::pipeline::Error;
-use crate::pipeline::diagnostics::Diagnostics;
+use crate::job::Error;
+use crate::job::diagnostics::Diagnostics;
 use crate::pipeline::evaluate::pictures::byte;
 use crate::pipeline::evaluate::truth;
 use crate::pipeline::render::near_at;

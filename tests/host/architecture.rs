@@ -17,6 +17,7 @@ const FLOORS: &[&[&str]] = &[
     &["response"],
     &["edit", "qirf", "train"],
     &["reference"],
+    &["job"],
     &["pipeline"],
     &["pose", "report", "selftest", "shard", "view"],
     &["lab"],

@@ -3,10 +3,11 @@
 use super::ended::capture;
 use super::soak::Stopper;
 use crate::support::{new_device, runs};
+use qirf_vk::job::Error;
+use qirf_vk::job::config::Pruning;
+use qirf_vk::job::{Output, RunConfig, Session, Silent, Watcher};
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::Error;
-use qirf_vk::pipeline::config::Pruning;
-use qirf_vk::pipeline::{Output, RunConfig, Session, Silent, Watcher, run};
+use qirf_vk::pipeline::run;
 use qirf_vk::qirf::select::budget::Keep;
 use std::sync::atomic::AtomicU32;
 

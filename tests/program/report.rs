@@ -3,14 +3,14 @@
 use super::ended::{capture, qirf, works};
 use super::html::{Html, parse};
 use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind, TunedDevice, Tuning};
-use qirf_vk::metrics::Scores;
-use qirf_vk::pipeline::Output;
-use qirf_vk::pipeline::evaluate::CameraErrors;
-use qirf_vk::pipeline::evaluate::exhibits::exhibits;
-use qirf_vk::pipeline::records::{
+use qirf_vk::job::Output;
+use qirf_vk::job::records::CameraErrors;
+use qirf_vk::job::records::{
     Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneRecord, PruneSeconds, RankRecord, RunRecord, Times,
     TrainScores, ViewScores,
 };
+use qirf_vk::metrics::Scores;
+use qirf_vk::pipeline::evaluate::exhibits::exhibits;
 use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::study::Merging;

@@ -2,7 +2,7 @@
 
 use super::ended::{end, qirf, works};
 use super::run::{command, metrics, model, scene};
-use qirf_vk::pipeline::run_log::LogLine;
+use qirf_vk::job::run_log::LogLine;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::path::Path;
 use std::process::Command;

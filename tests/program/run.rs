@@ -3,10 +3,11 @@
 use super::ended::{Ended, capture, end, qirf, works};
 use crate::support::{new_device, runs};
 use qirf_vk::gpu::Device;
+use qirf_vk::job::run_log::LogLine;
+use qirf_vk::job::{Init, Preset, RunConfig, Session, Silent};
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::run_log::LogLine;
 use qirf_vk::pipeline::setup::Setup;
-use qirf_vk::pipeline::{Init, Preset, RunConfig, Session, Silent, prepare, run};
+use qirf_vk::pipeline::{prepare, run};
 use qirf_vk::scene::{PhotoMemory, Pixels};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -211,7 +212,7 @@ fn photos_beyond_the_hosts_memory_change_nothing() {
         let opened = prepare::open(&config.selection()).unwrap();
         let prepared = opened.load(PhotoMemory { bytes: host_bytes, folder: folder.path() }, &Silent).unwrap();
         assert!(prepared.views().all(|v| matches!(v.pixels, Pixels::Filed { .. }) == (host_bytes == 0)));
-        let output = qirf_vk::pipeline::Output::new(&folder.path().join(name)).unwrap();
+        let output = qirf_vk::job::Output::new(&folder.path().join(name)).unwrap();
         let r = run::run(&session, &config, &output, false).unwrap();
         assert_eq!(r.gaussians.initial, Some(900));
         let mut files: Vec<_> = std::fs::read_dir(output.folder()).unwrap().map(|e| e.unwrap().file_name()).collect();

@@ -4,12 +4,13 @@
 use crate::support::{new_device, runs};
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::Device;
+use qirf_vk::job::Error;
+use qirf_vk::job::config::{PruneRule, Pruning};
+use qirf_vk::job::{Output, Preset, RunConfig, Session, Watcher};
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::Error;
 use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
-use qirf_vk::pipeline::config::{PruneRule, Pruning};
+use qirf_vk::pipeline::run;
 use qirf_vk::pipeline::virtual_views::VirtualCameras;
-use qirf_vk::pipeline::{Output, Preset, RunConfig, Session, Watcher, run};
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::random;
 use qirf_vk::render::Style;

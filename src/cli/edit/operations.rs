@@ -3,7 +3,7 @@
 use super::parse;
 use crate::edit::{Edit, INVISIBLE, Region, Similarity, Unwanted};
 use crate::gaussians::{self, MAX_SH_DEGREE};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::scene::{Resize, Scene};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};

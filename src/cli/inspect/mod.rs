@@ -6,7 +6,7 @@ mod scene;
 use super::console::Console;
 use super::values;
 use crate::gaussians::formats::{self, Loaded};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::scene::{OpenOptions, Scene};
 use serde_json::Value;
 use std::path::{Path, PathBuf};

@@ -2,7 +2,7 @@
 
 use crate::gaussians::formats::Loaded;
 use crate::gaussians::{Gaussians, opacity};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::pipeline::effects;
 use serde_json::{Map, Value, json};
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Contents of a scene: views, cameras, points, skipped parts, and the split.
 
 use crate::gaussians::formats::{self, RenderMode};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::pipeline::effects;
 use crate::pipeline::prepare::refuse_photo_folders;
 use crate::scene::{EVAL_EVERY, OpenOptions, Scene, Split, View, rigs};

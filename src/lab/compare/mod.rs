@@ -10,14 +10,14 @@ pub use records::{ArmRecord, CompareRecord};
 
 use crate::gaussians::formats;
 use crate::gaussians::resident::Resident;
+use crate::job::records::RunRecord;
+use crate::job::{Error, Output, RunConfig, Session};
 use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::evaluate::Evaluator;
 use crate::pipeline::prepare::Prepared;
-use crate::pipeline::records::RunRecord;
 use crate::pipeline::setup::{Setup, tuned};
 use crate::pipeline::start::Start;
-use crate::pipeline::{Error, Output, RunConfig, Session};
 use std::path::{Path, PathBuf};
 
 /// Writes `compare.html` of a comparison into its folder.

@@ -1,7 +1,7 @@
 //! Records of a comparison: `compare.json`, schema 1, each arm's `arm.json`, and the table as `compare.csv`.
 
 use crate::gpu::TunedDevice;
-use crate::pipeline::records::{PruneRecord, ViewScores};
+use crate::job::records::{PruneRecord, ViewScores};
 use crate::train::method::Cut;
 use serde::{Deserialize, Serialize};
 

@@ -4,10 +4,10 @@
 
 use crate::gaussians::opacity;
 use crate::gpu::Recording;
+use crate::job::config::MethodConfig;
+use crate::job::config::ranges::{SHARE, WEIGHT, within};
 use crate::kernels::constants::mcmc::{NOISE, REGULARISE};
 use crate::kernels::lab::{Mcmc as Kernel, McmcPush as Push, McmcSpec as Spec};
-use crate::pipeline::config::MethodConfig;
-use crate::pipeline::config::ranges::{SHARE, WEIGHT, within};
 use crate::primitives::WORKGROUP;
 use crate::random;
 use crate::render::TrainingRenderer;

@@ -5,8 +5,8 @@ pub mod learnt_mask;
 pub mod mcmc;
 
 use crate::gpu::Device;
-use crate::pipeline::Error;
-use crate::pipeline::config::MethodConfig;
+use crate::job::Error;
+use crate::job::config::MethodConfig;
 use crate::train::method::Method;
 use crate::wording::unknown;
 use learnt_mask::{LearntMask, LearntMasks};
@@ -30,7 +30,7 @@ fn wrong(what: impl Display) -> Error {
     Error::Usage(format!("config.toml: {what}"))
 }
 
-/// Creates the method that a configuration names, for [`Session::methods`](crate::pipeline::Session::methods).
+/// Creates the method that a configuration names, for [`Session::methods`](crate::job::Session::methods).
 ///
 /// # Errors
 /// [`Error::Usage`] for an unknown name or a wrong setting; device memory.

@@ -2,9 +2,9 @@
 
 use super::rung::{Formula, Regularisation, Rung, Solver, culling, fraction, rungs, share, stop, sums, switch};
 use super::{AxisRecord, Context, epsilon, gradients, overlap, pictures, solver};
+use crate::job::Error;
+use crate::job::config::Pruning;
 use crate::lab::compare::Arm;
-use crate::pipeline::Error;
-use crate::pipeline::config::Pruning;
 use crate::qirf::dense::LIBRARIES;
 use crate::qirf::participation::Eigensolver;
 use crate::wording::{named, unknown};

@@ -3,7 +3,7 @@
 use super::Context;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::qirf::assemble::{Assembly, Options};
 use crate::qirf::overlap::Metric;
 use crate::qirf::partition::{Blocks, Partition};

@@ -7,7 +7,7 @@ use super::records::{AxisRecord, RungRecord};
 use super::rung::{Regularisation, Rung};
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::qirf::overlap::Metric as Overlaps;
 use crate::qirf::participation::Gram;
 use crate::qirf::partition::Blocks;

@@ -8,7 +8,7 @@ use super::rung::{Rung, Sums};
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::pipeline::pair_capacity;
 use crate::render::{AtomicSums, Backward, Image, Renderer, TrainingRenderer};
 use crate::response::Target;

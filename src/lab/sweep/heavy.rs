@@ -6,12 +6,12 @@ use super::records::{AxisRecord, Better, RungRecord};
 use super::rung::{Rung, share};
 use super::timing::{Spread, Timed};
 use crate::effects::{Choice, Decision, Effect, Trigger};
+use crate::job::Error;
+use crate::job::config::{PruneRule, Pruning};
+use crate::job::records::RunRecord;
+use crate::job::{Output, Preset, RunConfig, Session};
 use crate::lab::compare::{Arm, ArmRecord, CompareRecord, compare};
-use crate::pipeline::Error;
-use crate::pipeline::config::{PruneRule, Pruning};
-use crate::pipeline::records::RunRecord;
 use crate::pipeline::run::run;
-use crate::pipeline::{Output, Preset, RunConfig, Session};
 use crate::qirf::select::budget::Keep;
 use std::path::Path;
 

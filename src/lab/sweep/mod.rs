@@ -19,7 +19,7 @@ pub use axis::{Asked, Axis};
 pub use records::{AxisRecord, Described, SweepRecord};
 pub use subject::Subject;
 
-use crate::pipeline::{Error, Output, Session};
+use crate::job::{Error, Output, Session};
 use std::path::Path;
 use std::time::Instant;
 

@@ -9,7 +9,7 @@ use super::rung::{Formula, Rung};
 use super::timing::{Sample, Timed, interleaved};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::qirf::assemble::{Assembly, Options};
 use crate::qirf::overlap::{Method, Metric};
 use crate::qirf::partition::Blocks;

@@ -6,7 +6,7 @@ use super::records::{AxisRecord, Better, RungRecord};
 use super::rung::Rung;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::render::{Culling, Image, Renderer, STAGES, Settings};
 use crate::scene::camera::{self, Camera};
 use std::time::Instant;

@@ -7,7 +7,7 @@ use super::records::{AxisRecord, RungRecord, Table, figure};
 use super::rung::{Rung, Solver};
 use super::timing::{Sample, Timed, interleaved};
 use crate::gaussians::resident::Resident;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::qirf::assemble::{Assembly, Options};
 use crate::qirf::dense::serving;
 use crate::qirf::overlap::Metric as Overlaps;

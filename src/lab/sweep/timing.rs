@@ -1,8 +1,8 @@
 //! Times of rungs, taken in turn, so that other work on the machine affects all of them alike.
 
 use crate::gpu::{Device, Timings};
-use crate::pipeline::Error;
-use crate::pipeline::Watcher;
+use crate::job::Error;
+use crate::job::Watcher;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -129,7 +129,7 @@ pub fn interleaved(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::Silent;
+    use crate::job::Silent;
 
     #[test]
     fn rungs_take_turns_and_slow_ones_sit_out() {

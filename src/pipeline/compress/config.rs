@@ -1,6 +1,6 @@
 //! Configuration of a compression.
 
-use crate::pipeline::config::{PruneRule, Selection};
+use crate::job::config::{PruneRule, Selection};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Budget;

@@ -3,8 +3,8 @@
 use super::fit::Target;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats;
+use crate::job::{Error, Session};
 use crate::pipeline::eval;
-use crate::pipeline::{Error, Session};
 use crate::render::Style;
 
 /// PSNR in dB of a file's pictures that suffices.

@@ -1,7 +1,6 @@
 //! Quality against bytes: the best files of several formats at several sizes, the loss by each attribute, and another tool's
 //! files.
 
-use super::aim::Aim;
 use super::fit::{Fitted, Fitter, Judge, Target};
 use super::peer::Peer;
 use super::scoring::Scoring;
@@ -9,10 +8,11 @@ use super::views::Views;
 use super::{CompressConfig, Input, model_file, train};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Precision};
+use crate::job::Error;
+use crate::job::records::Aim;
+use crate::job::records::{AttributeLoss, CurveRecord, FileRecord};
+use crate::job::session::Session;
 use crate::metrics::{self, Scores};
-use crate::pipeline::Error;
-use crate::pipeline::records::{AttributeLoss, CurveRecord, FileRecord};
-use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views::ALL;
 use std::path::PathBuf;
 

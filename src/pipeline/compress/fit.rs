@@ -1,18 +1,19 @@
 //! Search for a model's file of a given size or PSNR: the model is scored and merged once, and written as often as the search
 //! needs.
 
-use super::aim::{Aim, Found, Search, Trials};
+use super::aim::{Found, Search, Trials};
 use super::config::CompressConfig;
 use super::views::Views;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Ladder, Precision, RenderMode, SpzVersion};
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::records::Aim;
+use crate::job::records::{AimRecord, Truth};
+use crate::job::session::Session;
 use crate::pipeline::budget;
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::Evaluator;
 use crate::pipeline::prune::{self, PrunePlan};
-use crate::pipeline::records::{AimRecord, Truth};
-use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views::photo;
 use crate::qirf::pairs::Sequence;
 use crate::render::{Painter, Source};

@@ -14,16 +14,16 @@ mod views;
 
 pub use config::{CompressConfig, ViewSource};
 
-use super::output::bytes_on_disk;
 use super::prune::{self, PruneRequest};
-use super::records::{CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
-use super::session::Session;
 use super::virtual_views::ALL;
 use crate::gaussians::{Gaussians, formats};
+use crate::job::Error;
+use crate::job::output::bytes_on_disk;
+use crate::job::records::Aim;
+use crate::job::records::{CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
+use crate::job::session::Session;
 use crate::metrics;
-use crate::pipeline::Error;
 use crate::qirf::select::Selector;
-use aim::Aim;
 use fit::{Fitted, Fitter, Judge, Target};
 use scoring::Scoring;
 use std::path::Path;

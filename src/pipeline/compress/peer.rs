@@ -2,8 +2,8 @@
 
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode};
-use crate::pipeline::Error;
-use crate::pipeline::session::Session;
+use crate::job::Error;
+use crate::job::session::Session;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -3,13 +3,13 @@
 use super::config::CompressConfig;
 use super::views::Views;
 use crate::gaussians::Gaussians;
+use crate::job::Error;
+use crate::job::records::Truth;
+use crate::job::session::Session;
 use crate::metrics::Scores;
-use crate::pipeline::Error;
 use crate::pipeline::budget;
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::Evaluator;
-use crate::pipeline::records::Truth;
-use crate::pipeline::session::Session;
 use crate::render::Source;
 use crate::scene::camera;
 use std::time::Instant;

@@ -2,14 +2,14 @@
 
 use super::config::{CompressConfig, ViewSource};
 use crate::gaussians::Gaussians;
+use crate::job::Error;
+use crate::job::config::Selection;
+use crate::job::records::{CompressProtocol, StageScores, Truth, ViewStages};
+use crate::job::session::Session;
 use crate::metrics::Scores;
-use crate::pipeline::Error;
 use crate::pipeline::budget::{self, CompressNeeds};
-use crate::pipeline::config::Selection;
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::prepare::{Opened, Prepared, open};
-use crate::pipeline::records::{CompressProtocol, StageScores, Truth, ViewStages};
-use crate::pipeline::session::Session;
 use crate::pipeline::virtual_views::{OwnPictures, VirtualCameras};
 use crate::qirf::select::budget::Keep;
 use crate::render::Settings;

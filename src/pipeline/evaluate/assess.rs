@@ -3,13 +3,13 @@
 use super::evaluator::{Evaluator, HeldOut};
 use super::exposure_fit;
 use crate::gaussians::Gaussians;
+use crate::job::Error;
+use crate::job::Session;
+use crate::job::config::Selection;
+use crate::job::output::bytes_on_disk;
+use crate::job::records::{Counts, Guards, Protocol, RunRecord, Times, TrainScores, infinite_for_nulls};
 use crate::metrics::Networks;
-use crate::pipeline::Error;
-use crate::pipeline::Session;
-use crate::pipeline::config::Selection;
-use crate::pipeline::output::bytes_on_disk;
 use crate::pipeline::prepare::Prepared;
-use crate::pipeline::records::{Counts, Guards, Protocol, RunRecord, Times, TrainScores, infinite_for_nulls};
 use crate::render::Source;
 use crate::scene::{Skipped, camera};
 use serde::{Deserialize, Serialize};

@@ -3,8 +3,8 @@
 
 use super::evaluator::{hide, rgb};
 use super::exposure_fit::exposed;
+use crate::job::Error;
 use crate::metrics::round_trip_8bit;
-use crate::pipeline::Error;
 use crate::render::Image;
 use crate::scene::Photo;
 use crate::scene::camera::Camera;

@@ -3,7 +3,7 @@
 use super::evaluator::{Evaluator, truth};
 use super::pictures::{self, Format};
 use crate::gaussians::resident::Resident;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::pipeline::prepare::Prepared;
 use crate::render::Image;
 use rayon::prelude::*;

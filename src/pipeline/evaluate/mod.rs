@@ -9,5 +9,5 @@ mod exposure_fit;
 pub mod pictures;
 
 pub use assess::{Assessment, Compared, mean, protocol};
-pub use camera_errors::{CameraErrors, camera_errors};
+pub use camera_errors::camera_errors;
 pub use evaluator::{Evaluator, HeldOut, hide, rgb, truth};

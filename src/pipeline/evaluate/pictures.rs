@@ -1,7 +1,7 @@
 //! Pictures on disk: their names, and PNG and NPY files written whole or not at all.
 
 use crate::gaussians::formats::write_atomically;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::render::Image;
 use image::{ColorType, ImageEncoder, codecs::png};
 use npyz::WriterBuilder;

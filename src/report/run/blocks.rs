@@ -1,7 +1,7 @@
 //! Statistics of each prune's blocks: their solver and sizes, the spectrum of their eigenproblems, and their kept
 //! Gaussians.
 
-use crate::pipeline::records::{PruneRecord, PruneSeconds};
+use crate::job::records::{PruneRecord, PruneSeconds};
 use crate::report::format::{count, decimals, percent, seconds, short};
 use crate::report::page::{absent, facts, side_by_side};
 use crate::report::plot::{Axis, Bar, Columns, bars};

@@ -1,7 +1,7 @@
 //! Tables and lists: views, protocol, effects, guards, memory, configuration.
 
+use crate::job::records::RunRecord;
 use crate::metrics::Scores;
-use crate::pipeline::records::RunRecord;
 use crate::report::format::{NONE, bytes, count, decimals};
 use crate::report::page::{Column, absent, facts, table};
 use crate::scene::Names;

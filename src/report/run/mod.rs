@@ -13,7 +13,7 @@ pub use pruning::cut;
 
 use super::page::{self, Section};
 use super::slider::Stack;
-use crate::pipeline::records::RunRecord;
+use crate::job::records::RunRecord;
 use maud::html;
 
 /// The page of a run with these pictures; `config` is the text of config.toml, `viewer` a page that draws the model.

@@ -1,7 +1,7 @@
 //! Photo, dense model, final model and error of a few held-out views.
 
+use crate::job::records::{RunRecord, ViewScores};
 use crate::pipeline::evaluate::exhibits::exhibits;
-use crate::pipeline::records::{RunRecord, ViewScores};
 use crate::report::format::decimals;
 use crate::report::page::absent;
 use crate::report::picture::{data_uri, difference, read};

@@ -1,6 +1,6 @@
 //! Each prune: its counts, and statistics of its blocks.
 
-use crate::pipeline::records::{PruneRecord, PruneSeconds, RunRecord};
+use crate::job::records::{PruneRecord, PruneSeconds, RunRecord};
 use crate::report::format::{count, decimals, percent, seconds, short};
 use crate::report::page::{absent, facts, side_by_side};
 use crate::report::plot::{Axis, Bar, Columns, bars};

@@ -1,6 +1,6 @@
 //! PSNR and number of Gaussians over the run.
 
-use crate::pipeline::records::{CurvePoint, PruneRecord, RunRecord};
+use crate::job::records::{CurvePoint, PruneRecord, RunRecord};
 use crate::report::format::{decimals, percent};
 use crate::report::page::{absent, side_by_side};
 use crate::report::plot::{Axis, Line, Lines, Mark};

@@ -1,6 +1,6 @@
 //! The most important figures, as tiles.
 
-use crate::pipeline::records::RunRecord;
+use crate::job::records::RunRecord;
 use crate::report::format::{NONE, bytes, count, decimals, percent, seconds};
 use crate::report::page::{Tile, tiles};
 use maud::Markup;

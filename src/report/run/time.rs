@@ -1,6 +1,6 @@
 //! Time by part of the run and by stage.
 
-use crate::pipeline::records::RunRecord;
+use crate::job::records::RunRecord;
 use crate::report::format::{percent, seconds};
 use crate::report::page::{absent, side_by_side};
 use crate::report::plot::{Bar, bars};

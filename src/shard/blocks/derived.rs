@@ -1,8 +1,8 @@
 //! Configurations derived from that of a run in blocks: of the coarse model, and of each block.
 
 use super::layout::Block;
-use crate::pipeline::Error;
-use crate::pipeline::config::{ResponseSource, RunConfig};
+use crate::job::Error;
+use crate::job::config::{ResponseSource, RunConfig};
 use crate::random;
 use crate::train::schedule::Schedule;
 
@@ -81,7 +81,7 @@ pub(super) fn of_block(config: &RunConfig, (block, b): (&Block, usize), all: usi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::config::{Preset, Pruning};
+    use crate::job::config::{Preset, Pruning};
     use crate::shard::blocks::Crop;
 
     fn run(iterations: u32) -> RunConfig {

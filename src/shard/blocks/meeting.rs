@@ -3,7 +3,7 @@
 use super::layout::{Block, GROWN, Layout};
 use super::members::{select, with_margin};
 use crate::gaussians::Gaussians;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::train::checkpoint::Snapshot;
 use std::ops::Range;
 

@@ -2,12 +2,12 @@
 
 use super::run::BlockRun;
 use crate::gaussians::Gaussians;
-use crate::pipeline::Error;
-use crate::pipeline::config::RunConfig;
+use crate::job::Error;
+use crate::job::config::RunConfig;
+use crate::job::records::{Protocol, RunRecord};
+use crate::job::session::Session;
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::evaluate::{Assessment, Compared, protocol};
-use crate::pipeline::records::{Protocol, RunRecord};
-use crate::pipeline::session::Session;
 use std::ops::Range;
 use std::path::Path;
 

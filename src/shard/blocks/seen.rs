@@ -2,9 +2,9 @@
 
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::pipeline::Error;
+use crate::job::Error;
+use crate::job::session::Session;
 use crate::pipeline::pair_capacity;
-use crate::pipeline::session::Session;
 use crate::render::{Settings, TrainingRenderer};
 use crate::response::{Score, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};

@@ -7,8 +7,8 @@
 //! of the other's Gaussians are dropped when the blocks meet.
 
 use crate::gaussians::Gaussians;
+use crate::job::Error;
 use crate::kernels::constants::sh::float64::SH_C0;
-use crate::pipeline::Error;
 use crate::pipeline::setup::Setup;
 use crate::render::{Image, Painter, Source};
 use crate::scene::{AlphaRole, Photo, camera};

@@ -3,8 +3,9 @@
 use crate::support::runs::config;
 use crate::support::{device, finish};
 use qirf_vk::gpu::{Device, Recording};
+use qirf_vk::job::{RunConfig, Silent};
 use qirf_vk::pipeline::effects;
-use qirf_vk::pipeline::{RunConfig, Silent, prepare};
+use qirf_vk::pipeline::prepare;
 use qirf_vk::reference::exposure as twin;
 use qirf_vk::scene::{AlphaRole, PhotoMemory};
 use qirf_vk::synth::{self, SynthOptions, write};

@@ -2,7 +2,7 @@
 
 use super::runs::{bits, options, resumed, train, trainer};
 use crate::support::{device, finish};
-use qirf_vk::pipeline::config::PruneRule;
+use qirf_vk::job::config::PruneRule;
 use qirf_vk::pipeline::prune::{PruneRequest, prune_by};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};

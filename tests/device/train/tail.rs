@@ -5,7 +5,7 @@ use crate::support::{device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Attributes, Gaussians};
 use qirf_vk::gpu::Device;
-use qirf_vk::pipeline::config::{PruneRule, ResponseSource};
+use qirf_vk::job::config::{PruneRule, ResponseSource};
 use qirf_vk::pipeline::prune::{PruneRequest, prune};
 use qirf_vk::qirf::select::budget::Keep;
 use qirf_vk::render::{Renderer, Settings, Style};

@@ -112,7 +112,7 @@ pub fn whole(folder: &Path) {
         let good = match path.extension().and_then(|e| e.to_str()) {
             Some("ply") => qirf_vk::gaussians::formats::read(&path).is_ok(),
             Some("safetensors") => qirf_vk::train::checkpoint::Snapshot::read(&path).is_ok(),
-            Some("toml") => qirf_vk::pipeline::RunConfig::read(&path).is_ok(),
+            Some("toml") => qirf_vk::job::RunConfig::read(&path).is_ok(),
             // The line that a killed writer had begun may lack its end.
             Some("jsonl") => {
                 let ended = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);

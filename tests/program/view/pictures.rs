@@ -6,7 +6,7 @@ use crate::program::ended::{Ended, end, qirf};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Gaussians, formats};
-use qirf_vk::pipeline::diagnostics::{CANONICAL, DETAIL, Diagnostics, KEPT, MERGED, NO_BLOCK, REPAIRED, UNSEEN};
+use qirf_vk::job::diagnostics::{CANONICAL, DETAIL, Diagnostics, KEPT, MERGED, NO_BLOCK, REPAIRED, UNSEEN};
 use qirf_vk::pipeline::evaluate::pictures::write_png;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::render::{Image, Renderer, Settings};

@@ -3,7 +3,7 @@
 use super::corpus::{Input, Reader};
 use super::writers::write;
 use qirf_vk::gaussians::formats::{self, Loaded};
-use qirf_vk::pipeline::RunConfig;
+use qirf_vk::job::RunConfig;
 use qirf_vk::pipeline::depth_maps::read;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene, rigs};
 use qirf_vk::train::checkpoint::Snapshot;

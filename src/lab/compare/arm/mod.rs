@@ -2,9 +2,9 @@
 
 mod suffix;
 
+use crate::job::config::{PruneRule, Pruning, RunConfig};
 use crate::lab::methods::learnt_mask::{LearntMasks, MaskMethod};
 use crate::lab::methods::mcmc::Mcmc;
-use crate::pipeline::config::{PruneRule, Pruning, RunConfig};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::{Budget, Keep};
 use crate::train::growth::Growth;
@@ -289,7 +289,7 @@ fn twice(mut pruning: Pruning, at: [f64; 2], gaussians: usize) -> Pruning {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::Preset;
+    use crate::job::Preset;
 
     #[test]
     fn arms_change_the_process_of_the_shared_run() {

@@ -7,9 +7,9 @@ mod device;
 
 pub use device::{LearntMask, Masked};
 
+use crate::job::config::MethodConfig;
+use crate::job::config::ranges::{MOST_GAUSSIANS, SHARE, WEIGHT, within};
 use crate::kernels::constants::learnt_mask::LEAST_SCORE;
-use crate::pipeline::config::MethodConfig;
-use crate::pipeline::config::ranges::{MOST_GAUSSIANS, SHARE, WEIGHT, within};
 use crate::random;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,7 @@
 //! The smallest file of at least a PSNR.
 
-use super::{MOST, ON_A_RUNG, Point, Search, Trials};
+use super::{MOST, ON_A_RUNG, Search, Trials};
+use crate::job::records::Point;
 
 /// Tolerance of the target PSNR, in dB.
 const NEAR: f64 = 0.04;

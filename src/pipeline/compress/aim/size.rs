@@ -1,6 +1,7 @@
 //! The best file of at most a size.
 
-use super::{ON_A_RUNG, Point, Search, Trials};
+use super::{ON_A_RUNG, Search, Trials};
+use crate::job::records::Point;
 
 /// Minimum share of the target size that counts as reached.
 const LEAST_SHARE: f64 = 0.95;

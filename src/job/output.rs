@@ -1,7 +1,7 @@
 //! Paths of a job's files.
 
 use crate::gaussians::formats;
-use crate::pipeline::Error;
+use crate::job::Error;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

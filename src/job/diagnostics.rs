@@ -2,7 +2,7 @@
 
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{crc32, write_atomically};
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::qirf::pairs::{NO_CLUSTER, Pairs};
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Choice;

@@ -1,12 +1,12 @@
 //! Records of a compression: its JSON, schema 1 (docs/metrics.md).
 
+use super::aim::{Aim, Point};
 use super::prune::PruneRecord;
 use super::run::Memory;
 use crate::gaussians::formats::Precision;
 use crate::gpu::TunedDevice;
+use crate::job::config::PruneRule;
 use crate::metrics::{Scores, mean};
-use crate::pipeline::compress::aim::{Aim, Point};
-use crate::pipeline::config::PruneRule;
 use crate::render::Style;
 use serde::{Deserialize, Serialize, Serializer};
 use std::path::{Path, PathBuf};

@@ -149,7 +149,7 @@ fn compression(c: &PruneRule) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pipeline::config::Preset;
+    use crate::job::config::Preset;
 
     #[test]
     fn every_preset_passes() {

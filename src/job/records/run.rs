@@ -1,11 +1,11 @@
 //! Records of a run: `metrics.json`, schema 1 (docs/metrics.md).
 
+use super::cameras::CameraErrors;
+use super::floaters::FloaterCounts;
 use super::prune::PruneRecord;
 use crate::effects::Decision;
 use crate::gpu::TunedDevice;
 use crate::metrics::Scores;
-use crate::pipeline::evaluate::CameraErrors;
-use crate::pipeline::floaters::FloaterCounts;
 use crate::scene::Skipped;
 use crate::train::method::Cut;
 use serde::{Deserialize, Deserializer, Serialize};

@@ -2,7 +2,7 @@
 
 use super::run::{Init, RunConfig};
 use crate::effects::Effect;
-use crate::pipeline::output::same_place;
+use crate::job::output::same_place;
 use crate::render::Style;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -103,7 +103,7 @@ fn values(config: &RunConfig) -> BTreeMap<String, String> {
 mod tests {
     use super::*;
     use crate::effects::Choice;
-    use crate::pipeline::config::Preset;
+    use crate::job::config::Preset;
 
     #[test]
     fn changes_are_named_and_what_decides_on_nothing_is_left_out() {

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Bytes of memory that this program may use at most; none if the system does not report it.
-pub(super) fn physical() -> Option<u64> {
+pub fn physical() -> Option<u64> {
     of(Path::new("/")).or_else(without_proc)
 }
 

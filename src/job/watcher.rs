@@ -4,7 +4,7 @@ use super::diagnostics::Diagnostics;
 use super::run_log::LogLine;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::train::{Progress, Trainer};
 
 /// Follows a job; every method has a default.

@@ -2,7 +2,7 @@
 //! passes their constructors.
 
 use crate::gpu::Device;
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::train::method::Method;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};

@@ -2,7 +2,7 @@
 
 use super::ranges;
 use super::run::RunConfig;
-use crate::pipeline::Error;
+use crate::job::Error;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -107,7 +107,7 @@ mod tests {
     use super::*;
     use crate::effects::Overrides;
     use crate::gpu::{DeviceClass, Tuning};
-    use crate::pipeline::config::{MethodConfig, Preset};
+    use crate::job::config::{MethodConfig, Preset};
     use crate::render::Style;
 
     fn config() -> RunConfig {

@@ -1,6 +1,6 @@
 //! The exit code of each error: the table of README.md.
 
-use crate::pipeline::Error;
+use crate::job::Error;
 use crate::{edit, gaussians, gpu, scene, synth, train};
 use std::io;
 

@@ -2,7 +2,7 @@
 
 use super::config::RunConfig;
 use super::output::Output;
-use crate::pipeline::Error;
+use crate::job::Error;
 
 /// State of the run whose folder a new run names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

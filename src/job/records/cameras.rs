@@ -1,0 +1,34 @@
+//! Errors of held-out photos' cameras.
+
+use serde::Serialize;
+
+/// Median error in pixels, and gain in dB, from which a run says that the poses limit it.
+const TOLD: (f64, f64) = (0.3, 0.3);
+
+/// Errors of the cameras of held-out photos, as a model shows them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CameraErrors {
+    /// Number of photos looked at.
+    pub views: usize,
+    /// Median over the photos of how far the fitted camera moves the picture, in pixels (root mean square over a photo).
+    pub pixels: f64,
+    /// Mean PSNR of every other square of 8 x 8 pixels with the given cameras, in dB.
+    pub psnr: f64,
+    /// The same with cameras fitted to the other squares.
+    pub fitted_psnr: f64,
+}
+
+impl CameraErrors {
+    /// A sentence for a user whose poses limit the result; none if they do not.
+    pub fn note(&self, corrected: bool) -> Option<String> {
+        let Self { pixels, psnr, fitted_psnr, .. } = *self;
+        let (least, gain) = TOLD;
+        let advice = if corrected { "" } else { "; --effect poses=on corrects those of the training photos" };
+        (pixels >= least && fitted_psnr - psnr >= gain).then(|| {
+            format!(
+                "the poses are inaccurate: held-out photos have {psnr:.2} dB, and {fitted_psnr:.2} dB if their cameras \
+                 move by {pixels:.1} pixels (median){advice}"
+            )
+        })
+    }
+}

@@ -1,0 +1,34 @@
+//! Numbers of floaters.
+
+use crate::edit::Reason;
+use serde::Serialize;
+use std::fmt;
+
+/// Numbers of floaters by rule.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct FloaterCounts {
+    /// The photos that see them disagree with them.
+    pub disagree: usize,
+    /// They are close to a single camera.
+    pub near_one: usize,
+    /// No photo needs them, and they are isolated.
+    pub alone: usize,
+}
+
+impl FloaterCounts {
+    /// Of these.
+    pub fn of(found: &[Option<Reason>]) -> Self {
+        let count = |reason: Reason| found.iter().filter(|f| **f == Some(reason)).count();
+        Self { disagree: count(Reason::Disagrees), near_one: count(Reason::NearOne), alone: count(Reason::Alone) }
+    }
+}
+
+impl fmt::Display for FloaterCounts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { disagree, near_one, alone } = self;
+        write!(
+            f,
+            "the photos want {disagree} gone, {near_one} show near one camera only, {alone} are alone and no photo needs them"
+        )
+    }
+}
