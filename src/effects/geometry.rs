@@ -28,7 +28,7 @@ pub const LOOKS: f64 = 4.5;
 
 /// Largest number of photos with which pictures leave Gaussians out: of more, some show the same place, and to leave Gaussians
 /// out only costs.
-const FEW_PHOTOS: usize = 30;
+const FEW_PHOTOS: usize = 25;
 
 /// How often a run of `iterations` trains on each photo, divided by the number of photos.
 pub fn looks(iterations: u32, photos: usize) -> f64 {

@@ -6,7 +6,7 @@
 //! | `view_dependence` | colours of a point depend on the direction of view; otherwise degree 1 | [`colour`] | SH bands: arrays, moments, gradients |
 //! | `exposure` | photos differ in brightness by more than 2 % | [`colour`] | `train/exposure`: 12 parameters per photo, its scope "exposure" |
 //! | `poses` | points miss their places in the photos by more than a pixel | [`geometry`] | `train/poses`: 6 parameters per photo, its scope "poses" |
-//! | `dropout` | at most 30 photos, none of them transparent, are trained on, and each more than 4.5 times as often as there are photos | [`geometry`] | `train/dropout`: its scope "dropout" |
+//! | `dropout` | at most 25 photos, none of them transparent, are trained on, and each more than 4.5 times as often as there are photos | [`geometry`] | `train/dropout`: its scope "dropout" |
 //! | `depth` | depth maps of photos agree with the capture's points | [`geometry`] | `train/depth_loss`: a second picture in some iterations, its scope "depth loss" |
 //! | `antialias` | a point's pixel footprints differ by more than 1.5 | [`geometry`] | ANTIALIAS of `render/project` and its backward; `train/smoothing`: its cameras, its scope "antialias" |
 //! | `distortion` | a lens moves a pixel by more than 0.5 | [`geometry`] | photos are resampled once as they are loaded |

@@ -42,12 +42,10 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
     ] {
         let found = of_synth(32, &made);
         assert_eq!(found.iter().map(|d| d.name).collect::<Vec<_>>(), Effect::ALL);
-        for d in found.iter().filter(|d| ![Effect::ViewDependence, Effect::Dropout].contains(&d.name)) {
+        for d in found.iter().filter(|d| d.name != Effect::ViewDependence) {
             assert_eq!(d.on, Some(d.name) == called, "{made:?}: {} {}", d.name.name(), d.evidence);
             assert!(!d.forced);
         }
-        // 30,000 iterations train on each of 28 photos 1071 times, 38 times their number.
-        assert_eq!(is_on(&found, Effect::Dropout), made != [Made::Alpha], "{made:?}");
         let degree = found[0].degree;
         match made.as_slice() {
             [Made::Matte] => assert_eq!(degree, Some(1)),
@@ -57,12 +55,13 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
     }
 }
 
-/// Of 36 photos 31 are trained on: too many to leave Gaussians out, however long the run.
+/// Gaussians are left out where few photos are trained on: 24 of 28, not 28 of 32; and none of them is transparent.
 #[test]
-fn many_photos_need_no_dropout() {
-    let found = of_synth(36, &[]);
-    let dropout = found.iter().find(|d| d.name == Effect::Dropout).unwrap();
-    assert!(!dropout.on && dropout.evidence.contains("31 photos"), "{}", dropout.evidence);
+fn few_photos_need_dropout() {
+    for (views, made, on) in [(28, vec![], true), (28, vec![synth::Effect::Alpha], false), (32, vec![], false)] {
+        let found = of_synth(views, &made);
+        assert_eq!(is_on(&found, Effect::Dropout), on, "{views} {made:?}");
+    }
 }
 
 #[test]
