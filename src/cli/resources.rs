@@ -3,8 +3,7 @@
 use super::scratch::Scratch;
 use super::{Global, values};
 use crate::gpu::Device;
-use crate::job::Error;
-use crate::job::{Session, Watcher};
+use crate::job::{Error, Session, Watcher};
 use crate::lab::methods::make;
 use crate::metrics::Networks;
 use clap::Args;

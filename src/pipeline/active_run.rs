@@ -11,13 +11,14 @@ use super::setup::Setup;
 use super::start::{Start, initialise};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};
-use crate::job::Error;
 use crate::job::config::{ResponseSource, RunConfig};
 use crate::job::output::Output;
-use crate::job::records::FloaterCounts;
-use crate::job::records::{AttritionRecord, Counts, CurvePoint, Guards, Protocol, PruneRecord, RunRecord, Times};
+use crate::job::records::{
+    AttritionRecord, Counts, CurvePoint, FloaterCounts, Guards, Protocol, PruneRecord, RunRecord, Times,
+};
 use crate::job::run_log::{LogLine, LoggedRates, RunLog};
 use crate::job::session::Session;
+use crate::job::{Error, Silent};
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::train::loss::Weights;
@@ -335,7 +336,8 @@ impl<'a> ActiveRun<'a> {
         let floaters = floaters.map(|(counts, _)| counts);
         let setup = self.setup;
         let mut record = RunRecord { floaters, ..self.record(evaluated) };
-        // The trainer is gone: there is room for the model's depths.
+        // The trainer is gone: there is room for the model's depths. As the evaluation before, this is not interrupted.
+        let session = &Session { watcher: &Silent, ..*session };
         let look = (prepared.settings(config.style), config.exposure);
         let held_out: Vec<_> = prepared.test.iter().map(|(_, photo)| photo).collect();
         record.camera_errors = camera_errors(session, &model, &held_out, look)?;

@@ -6,10 +6,9 @@ use super::start::Start;
 use super::{budget, effects};
 use crate::effects::Decision;
 use crate::gpu::Device;
-use crate::job::Error;
 use crate::job::config::{Init, RunConfig};
 use crate::job::session::Session;
-use crate::job::{Output, Watcher};
+use crate::job::{Error, Output, Watcher};
 use crate::train::Exposures;
 use std::time::Instant;
 

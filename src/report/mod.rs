@@ -11,8 +11,7 @@ pub mod plot;
 mod run;
 pub mod slider;
 
-use crate::job::Error;
-use crate::job::Output;
+use crate::job::{Error, Output};
 pub use run::cut;
 
 use crate::job::records::{CompressRecord, CurveRecord, RunRecord};

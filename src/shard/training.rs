@@ -5,10 +5,9 @@
 use super::files::Files;
 use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::Gaussians;
-use crate::job::Error;
-use crate::job::Output;
 use crate::job::records::PruneRecord;
 use crate::job::session::Session;
+use crate::job::{Error, Output};
 use crate::pipeline::evaluate::Assessment;
 use crate::response::CHUNK;
 use crate::shard::blocks::{BlockRun, BlockState, Layout, Meeting, copies, joined};

@@ -3,9 +3,8 @@
 use super::ended::capture;
 use super::soak::Stopper;
 use crate::support::{new_device, runs};
-use qirf_vk::job::Error;
 use qirf_vk::job::config::Pruning;
-use qirf_vk::job::{Output, RunConfig, Session, Silent, Watcher};
+use qirf_vk::job::{Error, Output, RunConfig, Session, Silent, Watcher};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::run;
 use qirf_vk::qirf::select::budget::Keep;

@@ -4,10 +4,9 @@ use super::ended::{capture, qirf, works};
 use super::html::{Html, parse};
 use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind, TunedDevice, Tuning};
 use qirf_vk::job::Output;
-use qirf_vk::job::records::CameraErrors;
 use qirf_vk::job::records::{
-    Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneRecord, PruneSeconds, RankRecord, RunRecord, Times,
-    TrainScores, ViewScores,
+    CameraErrors, Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneRecord, PruneSeconds, RankRecord,
+    RunRecord, Times, TrainScores, ViewScores,
 };
 use qirf_vk::metrics::Scores;
 use qirf_vk::pipeline::evaluate::exhibits::exhibits;

@@ -4,9 +4,8 @@
 use crate::support::{new_device, runs};
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::Device;
-use qirf_vk::job::Error;
 use qirf_vk::job::config::{PruneRule, Pruning};
-use qirf_vk::job::{Output, Preset, RunConfig, Session, Watcher};
+use qirf_vk::job::{Error, Output, Preset, RunConfig, Session, Watcher};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
 use qirf_vk::pipeline::run;

@@ -1,8 +1,7 @@
 //! Times of rungs, taken in turn, so that other work on the machine affects all of them alike.
 
 use crate::gpu::{Device, Timings};
-use crate::job::Error;
-use crate::job::Watcher;
+use crate::job::{Error, Watcher};
 use serde::Serialize;
 use std::time::Instant;
 

@@ -14,6 +14,7 @@ use crate::scene::{Photo, camera, median};
 
 /// Largest number of held-out views that are looked at, evenly spread.
 const VIEWS: usize = 8;
+
 /// Measures how well the given cameras of held-out photos fit a model's pictures; none without any, or without a Gaussian.
 ///
 /// # Errors

@@ -3,11 +3,10 @@
 use super::layout::Block;
 use super::run::BlockRun;
 use crate::gaussians::Gaussians;
-use crate::job::Error;
 use crate::job::config::RunConfig;
 use crate::job::records::PruneRecord;
 use crate::job::session::Session;
-use crate::job::{Output, Silent};
+use crate::job::{Error, Output, Silent};
 use crate::pipeline::budget;
 use crate::pipeline::checkpoint::{Checkpoint, RunNotes};
 use crate::pipeline::prepare::Prepared;
