@@ -35,16 +35,6 @@ pub struct Run {
     folder: Option<PathBuf>,
 }
 
-/// Keys of config.toml that the scene decides on, unless they are given.
-const ASKED: [(&str, Effect); 6] = [
-    ("antialias", Effect::Antialias),
-    ("depth_order", Effect::DepthOrder),
-    ("exposure", Effect::Exposure),
-    ("poses", Effect::Poses),
-    ("dropout", Effect::Dropout),
-    ("depth_loss", Effect::Depth),
-];
-
 /// Takes an option out of them, in Rust's type.
 fn taken<T: serde::de::DeserializeOwned>(options: &mut Map<String, Value>, name: &str) -> PyResult<Option<T>> {
     let Some(value) = options.shift_remove(name).filter(|value| !value.is_null()) else { return Ok(None) };
@@ -57,7 +47,7 @@ fn configuration(scene: PathBuf, preset: &str, mut options: Map<String, Value>) 
     let mut config = RunConfig::of(scene, preset);
     config.schedule = preset.schedule(taken(&mut options, "iterations")?);
     // In config.toml these keys tell what was decided; here they ask for it.
-    for (name, effect) in ASKED {
+    for (name, effect, _) in config.switches() {
         if let Some(on) = taken::<bool>(&mut options, name)? {
             config.effects.set(effect, if on { Choice::On } else { Choice::Off });
         }

@@ -104,7 +104,7 @@ impl Thumbnail {
         if p.z <= 0.0 {
             return None;
         }
-        let at = p.truncate() / p.z * self.camera.focal + self.camera.principal - 0.5;
+        let at = self.camera.project(p) - 0.5;
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);
         let inside = at.cmpge(DVec2::ONE).all() && at.x < w as f64 - 2.0 && at.y < h as f64 - 2.0;
         if !inside {

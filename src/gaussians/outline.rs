@@ -101,8 +101,7 @@ mod tests {
                 for mean in &model.means[..2500] {
                     let seen = camera.rotation * DVec3::from_array(mean.map(f64::from)) + camera.translation;
                     assert!(seen.z > 0.0);
-                    let pixel = seen.truncate() / seen.z * camera.focal + camera.principal;
-                    let share = pixel / glam::DVec2::new(f64::from(size.0), f64::from(size.1));
+                    let share = camera.project(seen) / glam::DVec2::new(f64::from(size.0), f64::from(size.1));
                     assert!(share.min_element() > -0.01 && share.max_element() < 1.01, "{share} at {size:?}");
                     bounds = [bounds[0].min(share.y), bounds[1].max(share.y)];
                 }

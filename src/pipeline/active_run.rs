@@ -9,8 +9,8 @@ use super::pair_capacity;
 use super::prune::{PruneRequest, prune};
 use super::setup::Setup;
 use super::start::{Start, initialise};
+use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::gaussians::{Gaussians, formats};
 use crate::job::config::{ResponseSource, RunConfig};
 use crate::job::output::Output;
 use crate::job::records::{
@@ -308,9 +308,7 @@ impl<'a> ActiveRun<'a> {
             model.compact(&found.iter().map(Option::is_none).collect::<Vec<_>>());
             floaters = Some((FloaterCounts::of(&found), Resident::upload(session.device, &model)?));
         }
-        let origin = prepared.scene.origin.to_array();
-        let written = model.scaled(prepared.scene.unit);
-        formats::write_at(&output.model(), &written, config.style.mode(), origin).map_err(Error::writing)?;
+        prepared.write(&output.model(), &model, config.style.mode())?;
         let mut follow = |done: usize| {
             watcher.evaluating(done, prepared.test.len());
             Ok(())

@@ -8,7 +8,7 @@ use crate::gpu::Timings;
 use crate::job::Error;
 use crate::job::config::RunConfig;
 use crate::render::Style;
-use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, View, load_photos};
+use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, View, load_photos, median};
 use crate::train::{self, schedule::Schedule};
 use rayon::prelude::*;
 use std::io;
@@ -85,19 +85,22 @@ impl RunConfig {
         }
     }
 
+    /// The effects that are on or off in this configuration, by their keys in config.toml.
+    pub fn switches(&self) -> [(&'static str, Effect, bool); 6] {
+        [
+            ("antialias", Effect::Antialias, self.style.antialias),
+            ("depth_order", Effect::DepthOrder, self.style.depth_order),
+            ("exposure", Effect::Exposure, self.exposure),
+            ("poses", Effect::Poses, self.poses),
+            ("dropout", Effect::Dropout, self.dropout),
+            ("depth_loss", Effect::Depth, self.depth_loss),
+        ]
+    }
+
     /// The keys of effects that are set here and not in the same configuration with the decisions: `[effects]` and the scene decide.
     pub fn overruled(&self, decided: &Self) -> Vec<&'static str> {
-        let keys = |of: &Self| {
-            [
-                ("antialias", of.style.antialias),
-                ("depth_order", of.style.depth_order),
-                ("exposure", of.exposure),
-                ("poses", of.poses),
-                ("dropout", of.dropout),
-                ("depth_loss", of.depth_loss),
-            ]
-        };
-        keys(self).into_iter().zip(keys(decided)).filter(|(a, b)| a.1 && !b.1).map(|(key, _)| key.0).collect()
+        let both = self.switches().into_iter().zip(decided.switches());
+        both.filter(|((.., set), (.., on))| *set && !on).map(|((key, ..), _)| key).collect()
     }
 }
 
@@ -124,9 +127,9 @@ pub fn summary(decisions: &[Decision]) -> String {
 #[must_use]
 pub fn moved(mut decisions: Vec<Decision>, pixels: Option<Vec<f64>>) -> Vec<Decision> {
     let poses = decisions.iter_mut().find(|d| d.name == Effect::Poses);
-    if let (Some(poses), Some(mut pixels)) = (poses, pixels.filter(|pixels| !pixels.is_empty())) {
-        pixels.sort_by(f64::total_cmp);
-        let (middle, most) = (pixels[pixels.len() / 2], pixels[pixels.len() - 1]);
+    let mut pixels = pixels.unwrap_or_default();
+    if let (Some(poses), Some(middle)) = (poses, median(&mut pixels)) {
+        let most = pixels.iter().copied().fold(0.0, f64::max);
         poses.evidence += &format!("; cameras were moved by {middle:.2} pixels (median; {most:.2} at most)");
     }
     decisions

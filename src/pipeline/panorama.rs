@@ -69,8 +69,7 @@ impl Panorama {
             let d = self.direction(n as u32 % self.width, n as u32 / self.width);
             let depth = |k: &usize| (faces[*k].rotation * d).z;
             let k = (0..6).max_by(|a, b| depth(a).total_cmp(&depth(b))).unwrap_or_default();
-            let seen = faces[k].rotation * d;
-            bilinear(&pictures[k], seen.truncate() / seen.z * faces[k].focal + faces[k].principal)
+            bilinear(&pictures[k], faces[k].project(faces[k].rotation * d))
         };
         let pixels = self.width as usize * self.height() as usize;
         Image { width: self.width, height: self.height(), pixels: (0..pixels).into_par_iter().map(pixel).collect() }
@@ -139,8 +138,7 @@ mod tests {
                 .map(|face| {
                     let pixel = |n: u32| {
                         let at = DVec2::new(f64::from(n % face.width) + 0.5, f64::from(n / face.width) + 0.5);
-                        let ray = ((at - face.principal) / face.focal).extend(1.0);
-                        of((face.rotation.transpose() * ray).normalize())
+                        of((face.rotation.transpose() * face.ray(at)).normalize())
                     };
                     Image {
                         width: face.width,

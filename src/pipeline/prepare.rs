@@ -2,6 +2,8 @@
 
 use super::depth_maps::{self, DepthMaps};
 use crate::effects::{DepthEvidence, Effect};
+use crate::gaussians::Gaussians;
+use crate::gaussians::formats::{self, RenderMode};
 use crate::job::Error;
 use crate::job::config::Selection;
 use crate::job::watcher::Watcher;
@@ -28,6 +30,12 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    /// Writes a trained model, in the scene's unit and with its local origin.
+    pub fn write(&self, path: &Path, model: &Gaussians, mode: RenderMode) -> Result<(), Error> {
+        let (model, origin) = (model.scaled(self.scene.unit), self.scene.origin.to_array());
+        formats::write_at(path, &model, mode, origin).map_err(Error::writing)
+    }
+
     /// Names of the photos trained on.
     pub fn names_to_train(&self) -> Vec<String> {
         let held_out: HashSet<&str> = self.test.iter().map(|(name, _)| name.as_str()).collect();

@@ -58,10 +58,20 @@ impl Camera {
         (self.rotation * point + self.translation).z
     }
 
+    /// The place in the picture, in pixels, of what the camera sees at `seen`, in its own axes and at a depth above 0.
+    pub fn project(&self, seen: DVec3) -> DVec2 {
+        seen.truncate() / seen.z * self.focal + self.principal
+    }
+
+    /// The ray through a place in the picture, in the camera's own axes, up to depth 1.
+    pub fn ray(&self, place: DVec2) -> DVec3 {
+        ((place - self.principal) / self.focal).extend(1.0)
+    }
+
     /// The column and the row of the pixel that shows a point; none if it lies behind the camera or outside of the image.
     pub fn pixel_of(&self, point: DVec3) -> Option<[u32; 2]> {
         let p = self.rotation * point + self.translation;
-        let at = p.truncate() / p.z * self.focal + self.principal;
+        let at = self.project(p);
         let shown =
             p.z > 0.0 && at.min_element() >= 0.0 && at.x < f64::from(self.width) && at.y < f64::from(self.height);
         shown.then_some([at.x as u32, at.y as u32])

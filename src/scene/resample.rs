@@ -133,10 +133,7 @@ pub(crate) fn cut<const C: usize>(
     let sample = if n <= CUBIC { cubic } else { bilinear };
     let back = face.turn.transpose();
     let closed = lens.model == LensModel::Equirectangular;
-    let at = |place: DVec2| {
-        let ray = ((place - camera.principal) / camera.focal).extend(1.0);
-        sample(source, lens.pixel_of(back * ray).as_vec2(), alpha, closed)
-    };
+    let at = |place: DVec2| sample(source, lens.pixel_of(back * camera.ray(place)).as_vec2(), alpha, closed);
     let mut pixels = vec![0; width * camera.height as usize * C];
     pixels.par_chunks_mut(width * C).enumerate().for_each(|(y, out)| {
         for (x, pixel) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {

@@ -135,7 +135,7 @@ impl Search<'_> {
         let draw = |n: u64| uniform(&[key[0], key[1], key[2], n]);
         let camera = &self.photos[(draw(0) * self.photos.len() as f64) as usize].camera;
         let pixel = DVec2::new(draw(1) * f64::from(camera.width), draw(2) * f64::from(camera.height));
-        let ray = ((pixel - camera.principal) / camera.focal).extend(1.0);
+        let ray = camera.ray(pixel);
         let distance = (camera.rotation * self.focus + camera.translation).z.max(5e-3 * self.near);
         // Points lie beyond the near plane even if the cameras' axes meet before it, or nowhere.
         let low = (self.near / distance).max(0.2);
@@ -191,13 +191,7 @@ fn before_lens(camera: &Camera, position: DVec3, near: f64) -> bool {
 
 /// Pixel and depth of a world point; `None` if it lies outside the picture or behind the camera.
 fn project(camera: &Camera, position: DVec3) -> Option<([u32; 2], f64)> {
-    let p = camera.rotation * position + camera.translation;
-    if p.z <= 0.0 {
-        return None;
-    }
-    let at = p.truncate() / p.z * camera.focal + camera.principal;
-    let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < f64::from(camera.width) && at.y < f64::from(camera.height);
-    inside.then_some(([at.x as u32, at.y as u32], p.z))
+    camera.pixel_of(position).map(|pixel| (pixel, camera.depth(position)))
 }
 
 /// The point nearest to all cameras' axes; if the axes are parallel, the cameras' centre moved along their mean direction.

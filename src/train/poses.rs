@@ -9,8 +9,8 @@ use crate::kernels::constants::poses as shader;
 use crate::kernels::train::{Poses as Kernel, PosesPush, PosesSpec};
 use crate::primitives::WORKGROUP;
 use crate::render::TrainingRenderer;
-use crate::scene::Photo;
 use crate::scene::camera::{Camera, mean_centre};
+use crate::scene::{Photo, median};
 use crate::solve;
 use glam::{DVec2, DVec3};
 
@@ -150,11 +150,7 @@ fn depth(model: &Gaussians, camera: &Camera, otherwise: f64) -> f32 {
         camera.shows(mean).then(|| camera.depth(mean))
     };
     let mut depths: Vec<f64> = model.means.iter().filter_map(seen).collect();
-    if depths.is_empty() {
-        return otherwise as f32;
-    }
-    let half = depths.len() / 2;
-    *depths.select_nth_unstable_by(half, f64::total_cmp).1 as f32
+    median(&mut depths).unwrap_or(otherwise) as f32
 }
 
 impl Poses {

@@ -19,11 +19,12 @@ pub struct CameraErrors {
 }
 
 impl CameraErrors {
-    /// A sentence for a user whose poses limit the result; none if they do not.
-    pub fn note(&self, corrected: bool) -> Option<String> {
+    /// A sentence for a user whose poses limit the result; none if they do not. It has no advice if `known`: where cameras are
+    /// corrected already, or nothing is trained.
+    pub fn note(&self, known: bool) -> Option<String> {
         let Self { pixels, psnr, fitted_psnr, .. } = *self;
         let (least, gain) = TOLD;
-        let advice = if corrected { "" } else { "; --effect poses=on corrects those of the training photos" };
+        let advice = if known { "" } else { "; --effect poses=on corrects those of the training photos" };
         (pixels >= least && fitted_psnr - psnr >= gain).then(|| {
             format!(
                 "the poses are inaccurate: held-out photos have {psnr:.2} dB, and {fitted_psnr:.2} dB if their cameras \

@@ -1,9 +1,9 @@
 //! Subject of the light axes: a model, its responses, and views of it.
 
 use super::records::Described;
+use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
 use crate::gaussians::resident::Resident;
-use crate::gaussians::{Gaussians, formats};
 use crate::job::{Error, Init, Output, RunConfig, Session};
 use crate::metrics::Networks;
 use crate::pipeline::active_run::ActiveRun;
@@ -83,8 +83,7 @@ pub fn of_scene(
     run.train(iterations)?;
     let (model, responses) = (run.checkpoint()?.snapshot.model, run.responses()?);
     let prepared = &setup.prepared;
-    let (written, origin) = (model.scaled(prepared.scene.unit), prepared.scene.origin.to_array());
-    formats::write_at(&output.model(), &written, config.style.mode(), origin).map_err(Error::writing)?;
+    prepared.write(&output.model(), &model, config.style.mode())?;
     let subject = Subject {
         model,
         responses,

@@ -209,7 +209,7 @@ fn seen(view: &View, map: &Map, scale: f64, resize: Resize) -> DepthMap {
     let (camera, source) = (camera(view, resize), Source::new(view, map));
     let depth = |n: u32| {
         let pixel = DVec2::new(f64::from(n % camera.width), f64::from(n / camera.width)) + 0.5;
-        let ray = source.back * ((pixel - camera.principal) / camera.focal).extend(1.0);
+        let ray = source.back * camera.ray(pixel);
         source.look(map, ray).map_or(0.0, |measured| (measured / source.depth(ray)) as f32)
     };
     let depths: Arc<[f32]> = (0..camera.width * camera.height).map(depth).collect();
@@ -225,8 +225,7 @@ fn points(v: usize, view: &View, map: &DepthMap, most: usize) -> Vec<Point> {
     let point = |(x, y): (u32, u32)| {
         let depth = map.at(x, y)?;
         let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
-        let local = ((pixel - camera.principal) / camera.focal).extend(1.0) * depth;
-        let position = camera.rotation.transpose() * (local - camera.translation);
+        let position = camera.rotation.transpose() * (camera.ray(pixel) * depth - camera.translation);
         Some(Point { position, colour: [0; 3], error: 0.0, track: vec![v as u32] })
     };
     places.filter_map(point).collect()

@@ -122,7 +122,7 @@ impl CameraFit<'_> {
         sum / count.max(1) as f64
     }
 
-    /// What steps reduce: large differences, which no camera explains, count little.
+    /// The error that steps reduce. Large differences, which no camera explains, have little weight.
     fn error(&self, rendered: &[f32], scale: f64) -> f64 {
         self.sum(rendered, true, |square| (1.0 + square / scale).ln()).0
     }
@@ -173,10 +173,9 @@ impl CameraFit<'_> {
         let pixels: Vec<usize> = (0..height).flat_map(|y| self.columns(y, true).map(move |x| y * width + x)).collect();
         let moved = |pixel: &usize| {
             let at = DVec2::new((pixel % width) as f64, (pixel / width) as f64) + 0.5;
-            let ray = ((at - from.principal) / from.focal).extend(1.0);
-            let depth = self.depth(*pixel);
-            let seen = to.rotation * (from.rotation.transpose() * (ray * depth - from.translation)) + to.translation;
-            (seen.truncate() / seen.z * to.focal + to.principal).distance_squared(at)
+            let seen = from.ray(at) * self.depth(*pixel);
+            let point = from.rotation.transpose() * (seen - from.translation);
+            to.project(to.rotation * point + to.translation).distance_squared(at)
         };
         (pixels.iter().map(moved).sum::<f64>() / pixels.len().max(1) as f64).sqrt()
     }
@@ -189,7 +188,7 @@ fn is_fitted(x: usize, y: usize) -> bool {
 
 /// How a picture's content moves at a pixel, in pixels, by a unit of each motion of [`Camera::moved`].
 fn flow(camera: &Camera, at: DVec2, depth: f64) -> [DVec2; SIZE] {
-    let ray = ((at - camera.principal) / camera.focal).extend(1.0);
+    let ray = camera.ray(at);
     let seen = |displacement: DVec3| (displacement.truncate() - ray.truncate() * displacement.z) * camera.focal;
     let axes = [0, 1, 2].map(|k| camera.rotation.col(k));
     let turns = axes.map(|axis| seen(axis.cross(ray)));
@@ -205,12 +204,8 @@ mod tests {
     fn flow_is_the_slope_of_what_a_camera_shows() {
         let camera = Camera::look_at(DVec3::new(1.0, -2.0, -3.0), DVec3::new(0.3, 0.1, 0.2), DVec3::Y, 50.0, 64, 48);
         let (at, depth) = (DVec2::new(20.0, 33.0), 2.5);
-        let ray = ((at - camera.principal) / camera.focal).extend(1.0);
-        let point = camera.rotation.transpose() * (ray * depth - camera.translation);
-        let seen = |camera: &Camera| {
-            let p = camera.rotation * point + camera.translation;
-            p.truncate() / p.z * camera.focal + camera.principal
-        };
+        let point = camera.rotation.transpose() * (camera.ray(at) * depth - camera.translation);
+        let seen = |camera: &Camera| camera.project(camera.rotation * point + camera.translation);
         assert!(seen(&camera).distance(at) < 1e-9);
         for (k, motion) in flow(&camera, at, depth).into_iter().enumerate() {
             let mut unit = [0.0; SIZE];
