@@ -1,40 +1,18 @@
-//! Adam, attribute by attribute or all at once, from the rows of gradients of the backward pass.
+//! Adam, from the rows of gradients of the backward pass.
 
 pub use super::moments::{Moments, zeros};
 use super::rates::{Rates, Step};
 use super::training_model::TrainingModel;
 
-use crate::gaussians::Attributes;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
-use crate::kernels::constants::adam::NO_BAND;
 use crate::kernels::constants::adam_step::{GRADIENT, UPDATE};
-use crate::kernels::constants::gradient_row::{ROW_LOG_SCALE, ROW_LOGIT, ROW_MEAN, ROW_ROTATION};
-use crate::kernels::train::{Adam, AdamAll, AdamAllPush, AdamAllSpec, AdamPush, AdamSpec};
+use crate::kernels::train::{Adam, AdamPush, AdamSpec};
 use crate::primitives::{Count, WORKGROUP};
 use crate::render::TrainingRenderer;
 
 /// The profiler's scope.
 pub const STAGE: &str = "adam";
-
-/// The offset of each attribute's gradients in a row, and its SH band. A band's gradients are the colour's gradients
-/// times the basis.
-const PLACES: Attributes<(u32, u32)> = Attributes {
-    means: (ROW_MEAN, NO_BAND),
-    log_scales: (ROW_LOG_SCALE, NO_BAND),
-    rotations: (ROW_ROTATION, NO_BAND),
-    opacity_logits: (ROW_LOGIT, NO_BAND),
-    sh: [(0, 0), (0, 1), (0, 2), (0, 3)],
-};
-
-/// Use of the gradients.
-#[derive(Clone, Copy)]
-enum Outcome {
-    /// A step of Adam.
-    Stepped(Step),
-    /// Gradients stored as first moments; second moments become 0, and parameters stay unchanged.
-    Stored,
-}
 
 /// Records a step of Adam, after [`TrainingRenderer::record_backward`]: moments and parameters change.
 ///
@@ -43,13 +21,13 @@ enum Outcome {
 pub fn record(recording: &mut Recording, renderer: &TrainingRenderer, training: &TrainingModel, step: Step) {
     let TrainingModel { model, moments, .. } = training;
     let rows = Rows { model, count: training.count(), len: training.trained() };
-    recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stepped(step)));
+    dispatch(recording, renderer, &rows, moments, (UPDATE, step));
 }
 
 /// Records the storing of the gradients of [`TrainingRenderer::record_backward`] as first moments, for tests and sweeps.
 pub fn record_gradients(recording: &mut Recording, renderer: &TrainingRenderer, model: &Resident, moments: &Moments) {
     let rows = Rows { model, count: &model.count, len: model.len };
-    recording.scope(STAGE, |r| dispatch(r, renderer, &rows, moments, Outcome::Stored));
+    dispatch(recording, renderer, &rows, moments, (GRADIENT, Step::new(1, Rates::default())));
 }
 
 /// The first rows of a model.
@@ -59,16 +37,6 @@ struct Rows<'a> {
     count: &'a Count,
     /// The same number.
     len: usize,
-}
-
-impl Outcome {
-    /// Parameters of the kernels: the count's form, and the step.
-    fn parts(self) -> (u32, Step) {
-        match self {
-            Self::Stepped(step) => (UPDATE, step),
-            Self::Stored => (GRADIENT, Step::new(1, Rates::default())),
-        }
-    }
 }
 
 impl Step {
@@ -84,61 +52,18 @@ impl Step {
     }
 }
 
+/// A block of Gaussians per workgroup, or one Gaussian per invocation.
 fn dispatch(
     recording: &mut Recording,
     renderer: &TrainingRenderer,
     first: &Rows<'_>,
     moments: &Moments,
-    outcome: Outcome,
+    (form, step): (u32, Step),
 ) {
-    match renderer.device().tuning().adam_block {
-        0 => each(recording, renderer, first, moments, outcome),
-        block => all(recording, renderer, first, moments, (block, outcome)),
-    }
-}
-
-/// One kernel per attribute.
-fn each(recording: &mut Recording, renderer: &TrainingRenderer, first: &Rows<'_>, moments: &Moments, outcome: Outcome) {
+    let block = renderer.device().tuning().adam_block;
     let Rows { model, count, len } = *first;
-    let (form, step) = outcome.parts();
-    let rows = renderer.gradient_rows();
-    let arrays = model.parameters.each_ref().zip(moments.each_ref());
-    let all = PLACES.zip(Attributes::widths(model.degree)).zip(arrays).zip(step.rates);
-    for ((((offset, band), width), (values, moments)), rate) in all.up_to(model.degree) {
-        let width = width as u32;
-        let pressure = step.pressure.filter(|_| offset == ROW_LOGIT && band == NO_BAND);
-        let kernel = Adam {
-            pairs: rows.pairs,
-            count: &count.value,
-            rows: rows.values,
-            values,
-            moments,
-            push: AdamPush {
-                decays: step.decays(),
-                correction: step.correction(),
-                rate,
-                pair_limit: rows.limit,
-                pressure: pressure.map_or(0.0, |p| p.pressure),
-                least_through: pressure.map_or(1.0, |p| p.least_through),
-            },
-            spec: AdamSpec { workgroup: WORKGROUP, width, offset, band, form, pressed: pressure.is_some() },
-        };
-        recording.dispatch(&kernel, Groups::Count((len as u32 * width).div_ceil(WORKGROUP)));
-    }
-}
-
-/// One kernel for all attributes: a block of Gaussians per workgroup, or one Gaussian per invocation.
-fn all(
-    recording: &mut Recording,
-    renderer: &TrainingRenderer,
-    first: &Rows<'_>,
-    moments: &Moments,
-    (block, outcome): (u32, Outcome),
-) {
-    let Rows { model, count, len } = *first;
-    let (form, step) = outcome.parts();
     let (rows, values, rates) = (renderer.gradient_rows(), &model.parameters, step.rates);
-    let kernel = AdamAll {
+    let kernel = Adam {
         pairs: rows.pairs,
         count: &count.value,
         rows: rows.values,
@@ -158,7 +83,7 @@ fn all(
         sh1_moments: &moments.sh[1],
         sh2_moments: &moments.sh[2],
         sh3_moments: &moments.sh[3],
-        push: AdamAllPush {
+        push: AdamPush {
             decays: step.decays(),
             correction: step.correction(),
             pair_limit: rows.limit,
@@ -173,7 +98,7 @@ fn all(
             rate_sh2: rates.sh[2],
             rate_sh3: rates.sh[3],
         },
-        spec: AdamAllSpec {
+        spec: AdamSpec {
             workgroup: WORKGROUP,
             block,
             degree: model.degree as u32,
@@ -182,5 +107,5 @@ fn all(
         },
     };
     let each = if block == 1 { WORKGROUP } else { block };
-    recording.dispatch(&kernel, Groups::Count((len as u32).div_ceil(each)));
+    recording.scope(STAGE, |r| r.dispatch(&kernel, Groups::Count((len as u32).div_ceil(each))));
 }

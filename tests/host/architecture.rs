@@ -52,7 +52,6 @@ const STEPS: &[(&str, &str)] = &[
     ("render/ranges", "render/bin"),
     ("render/rasterise_backward_atomic", "render/rasterise_backward"),
     ("response/tally", "response/score"),
-    ("train/adam_all", "train/adam"),
     ("train/gather_rows", "train/densify"),
     ("train/loss_tiles", "train/loss"),
     ("train/reset_opacity", "train/densify"),

@@ -105,9 +105,8 @@ pub struct Tuning {
     pub sort_rows_max: u32,
     /// Whether each invocation of a sort ranks a run of its own, without ballots.
     pub sort_serial: bool,
-    /// Gaussians whose attributes a workgroup of Adam updates one after the other, in one kernel; 1: an invocation
-    /// updates all attributes of one Gaussian; 0: each attribute has a kernel of its own.
-    #[serde(default)]
+    /// Gaussians whose attributes a workgroup of Adam updates one after the other; 1: an invocation updates all attributes
+    /// of one Gaussian.
     pub adam_block: u32,
     /// Side of a tile of the loss in pixels; 0: invocations walk runs of lines instead.
     #[serde(default)]
@@ -132,7 +131,7 @@ impl Tuning {
         match class {
             DeviceClass::Cpu => Self::cpu(subgroup),
             // Its compilers do not finish the loss's runs, which are rings of registers in unrolled loops.
-            DeviceClass::SwiftShader => Self { class, loss_tile: 16, adam_block: 0, ..Self::cpu(subgroup) },
+            DeviceClass::SwiftShader => Self { class, loss_tile: 16, ..Self::cpu(subgroup) },
             // One row for all GPUs: one by NVIDIA was measured, none by the others.
             DeviceClass::Gpu
             | DeviceClass::Nvidia
@@ -293,7 +292,7 @@ impl Tuning {
         if self.sort_serial {
             need(self.sort_workgroup == subgroup, "sort_workgroup", "one subgroup where a sort is serial")?;
         }
-        need(self.adam_block <= 64, "adam_block", "64 or less")?;
+        need((1..=64).contains(&self.adam_block), "adam_block", "from 1 to 64")?;
         let loss = self.loss_tile * self.loss_tile <= info.max_workgroup && [0, 8, 16].contains(&self.loss_tile);
         need(loss, "loss_tile", "0, 8 or 16, its square no more than a workgroup")?;
         let positive = [

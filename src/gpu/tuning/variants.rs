@@ -33,7 +33,6 @@ fn alone(own: &Tuning) -> Vec<(&'static str, Tuning)> {
         ("sorts of 32 workgroups", Tuning { sort_workgroups: 32, ..own() }),
         ("scans of 1024 words", Tuning { scan_rows: (1024 / own().subgroup).max(1), ..own() }),
         ("scans of 8192 words", Tuning { scan_rows: 8192 / own().subgroup, ..own() }),
-        ("adam by attribute", Tuning { adam_block: 0, ..own() }),
         ("adam by blocks", Tuning { adam_block: 64, ..own() }),
         ("runs of 22 in the loss", Tuning { loss_rounds: 3, loss_tile: 0, ..own() }),
     ]
@@ -55,7 +54,6 @@ fn together(own: &Tuning) -> Vec<(&'static str, Tuning)> {
         ("256 invocations backward", backward(256, subgroup)),
         ("batches of a subgroup backward", backward(own().backward_workgroup, subgroup)),
         ("one subgroup backward", backward(subgroup, 0)),
-        ("adam by attribute", Tuning { adam_block: 0, ..own() }),
         ("loss in runs", Tuning { loss_tile: 0, ..own() }),
         ("sorts of 64 workgroups", Tuning { sort_workgroups: 64, ..own() }),
         ("sorts of 1024 workgroups", Tuning { sort_workgroups: 1024, ..own() }),
@@ -90,8 +88,8 @@ mod tests {
     fn differences_add_up_and_the_first_has_precedence() {
         let own = Tuning::new(DeviceClass::Gpu, 32, 1024);
         let (a, b) =
-            (Tuning { tile: 8, adam_block: 0, ..own.clone() }, Tuning { adam_block: 32, scan_rows: 8, ..own.clone() });
-        let both = Tuning { tile: 8, adam_block: 0, scan_rows: 8, ..own.clone() };
+            (Tuning { tile: 8, adam_block: 16, ..own.clone() }, Tuning { adam_block: 32, scan_rows: 8, ..own.clone() });
+        let both = Tuning { tile: 8, adam_block: 16, scan_rows: 8, ..own.clone() };
         assert_eq!(own.with_differences([&a, &b].into_iter()), both);
         assert_eq!(own.with_differences(std::iter::empty()), own);
     }
