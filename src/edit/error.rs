@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 /// Errors of an edit.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[expect(missing_docs, reason = "fields are parts of the message")]
 pub enum Error {
     /// A matrix that is no similarity: Gaussians would stay Gaussians, but their colours are functions of directions, which it bends.
     #[error("the matrix scales its axes by {:.6}, {:.6} and {:.6}, or shears: use only rotations, reflections, translations and a uniform scale", .0[0], .0[1], .0[2])]
@@ -14,12 +15,7 @@ pub enum Error {
     Numbers(String),
     /// Positions or sizes beyond float32.
     #[error("{count} of {of} Gaussians leave the range of float32; move or scale by less")]
-    Overflow {
-        /// Gaussians that do.
-        count: usize,
-        /// All Gaussians.
-        of: usize,
-    },
+    Overflow { count: usize, of: usize },
     /// Models to be merged that are to be drawn differently.
     #[error("{} is {} and {} is {}: one model cannot be drawn in both ways", .0.0.display(), .0.1, .1.0.display(), .1.1)]
     Modes(Box<(PathBuf, RenderMode)>, Box<(PathBuf, RenderMode)>),

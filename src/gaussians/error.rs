@@ -5,19 +5,14 @@ use std::path::PathBuf;
 
 /// Errors of a model or its file.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "fields are parts of the message")]
 pub enum Error {
     /// The operating system refused to read or write.
     #[error("{}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's reason.
-        source: io::Error,
-    },
+    Io { path: PathBuf, source: io::Error },
     /// The file's content contradicts its format.
     #[error("{}: {record}: {what}", path.display())]
     Malformed {
-        /// The file.
         path: PathBuf,
         /// The element, row, stream or field, with its byte offset if there is one.
         record: String,
@@ -27,17 +22,13 @@ pub enum Error {
     /// The file or the request is legal, but this program does not support it.
     #[error("{}: {what}", path.display())]
     Unsupported {
-        /// The file.
         path: PathBuf,
         /// The unsupported feature, then the remedy.
         what: String,
     },
     /// Writing would replace the file that the model was read from.
     #[error("{}: this is the input file itself", path.display())]
-    SameFile {
-        /// The output path.
-        path: PathBuf,
-    },
+    SameFile { path: PathBuf },
     /// The arrays of a model disagree in length.
     #[error("inconsistent model: {what}")]
     Inconsistent {

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 /// An error of the device floor; each message names the cause.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "fields are parts of the message")]
 pub enum Error {
     /// No Vulkan loader on this machine.
     #[error("no Vulkan loader was found ({0})")]
@@ -18,110 +19,51 @@ pub enum Error {
     NoDevice,
     /// No device has the name or index asked for.
     #[error("no device matches '{wanted}'; there are: {there}")]
-    UnknownDevice {
-        /// The device asked for.
-        wanted: String,
-        /// The names of the devices present.
-        there: String,
-    },
+    UnknownDevice { wanted: String, there: String },
     /// Not a device address.
     #[error("{0}")]
     Address(String),
     /// Other processes hold all devices.
     #[error("all devices of the best kind ({kind}: {held}) are held by other processes that asked for a free one")]
-    NoFreeDevice {
-        /// The number of devices held.
-        held: usize,
-        /// Their kind.
-        kind: DeviceKind,
-    },
+    NoFreeDevice { held: usize, kind: DeviceKind },
     /// The environment hides every device.
     #[error("{variable} hides every device")]
-    HiddenDevices {
-        /// The variable.
-        variable: &'static str,
-    },
+    HiddenDevices { variable: &'static str },
     /// The folder of leases cannot be used.
     #[error("{}: leases of devices cannot be kept there: {source}", path.display())]
-    Lease {
-        /// The folder.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    Lease { path: PathBuf, source: std::io::Error },
     /// A tuning that does not exist, or that does not fit the device.
     #[error("tuning: {0}")]
     Tuning(String),
     /// An environment variable with an invalid value.
     #[error("{name}={text}: {what}")]
-    Variable {
-        /// Its name.
-        name: &'static str,
-        /// Its text.
-        text: String,
-        /// The fault.
-        what: String,
-    },
+    Variable { name: &'static str, text: String, what: String },
     /// The device lacks a required feature.
     #[error("{device} lacks {feature}, which qirf-vk needs")]
-    MissingFeature {
-        /// Name of the device.
-        device: String,
-        /// The feature, extension or version.
-        feature: String,
-    },
+    MissingFeature { device: String, feature: String },
     /// The driver computes wrong results.
     #[error("the driver of {device} ({driver}) is unreliable: {what}")]
-    Driver {
-        /// Name of the device.
-        device: String,
-        /// Driver name and version.
-        driver: String,
-        /// The wrong behaviour.
-        what: String,
-    },
+    Driver { device: String, driver: String, what: String },
     /// A module that replaces one of the program's own cannot be read.
     #[error("{}: {what}", path.display())]
-    Shader {
-        /// The module's file.
-        path: PathBuf,
-        /// The fault.
-        what: String,
-    },
+    Shader { path: PathBuf, what: String },
     /// One buffer is larger than the device can bind.
     #[error("buffer '{name}' needs {needed} bytes, but {device} binds at most {limit}")]
-    TooLarge {
-        /// Name of the buffer.
-        name: String,
-        /// Bytes asked for.
-        needed: u64,
-        /// The device's limit in bytes.
-        limit: u64,
-        /// Name of the device.
-        device: String,
-    },
+    TooLarge { name: String, needed: u64, limit: u64, device: String },
     /// Memory ran out.
     #[error("out of memory on {device}: '{name}' needs {needed} bytes, {used} are in use and {limit} may be")]
     OutOfMemory {
-        /// Name of the buffer.
         name: String,
-        /// Bytes asked for.
         needed: u64,
         /// Bytes in use by this program.
         used: u64,
         /// Bytes that the device, or the limit that was set, allows.
         limit: u64,
-        /// Name of the device.
         device: String,
     },
     /// The system or the driver ran out of memory in a call.
     #[error("{of} memory ran out during {call}")]
-    Exhausted {
-        /// The call.
-        call: &'static str,
-        /// The owner of the memory.
-        of: &'static str,
-    },
+    Exhausted { call: &'static str, of: &'static str },
     /// The device stopped answering in this call.
     #[error(
         "the device was lost during {0}: its driver reset it (it crashed, hung, or ran one submission for longer than the driver allows), or it was removed; the system's log has details"
@@ -129,12 +71,7 @@ pub enum Error {
     Lost(&'static str),
     /// Any other Vulkan error.
     #[error("Vulkan failed in {call}: {result}")]
-    Vulkan {
-        /// The call.
-        call: &'static str,
-        /// Vulkan's code.
-        result: vk::Result,
-    },
+    Vulkan { call: &'static str, result: vk::Result },
 }
 
 impl Error {

@@ -8,42 +8,23 @@ use std::path::PathBuf;
 
 /// Any error that ends a job: one line that names the cause. The command line adds the remedy.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "fields are parts of the message")]
 pub enum Error {
     /// A request that makes no sense, from the command line or from code.
     #[error("{0}")]
     Usage(String),
     /// A file or folder that cannot be read.
     #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's reason.
-        source: io::Error,
-    },
+    Read { path: PathBuf, source: io::Error },
     /// A file or folder that cannot be written.
     #[error("cannot write {}: {source}", path.display())]
-    Write {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's reason.
-        source: io::Error,
-    },
+    Write { path: PathBuf, source: io::Error },
     /// Figures or options that JSON or TOML cannot represent.
     #[error("{what} cannot be written: {reason}")]
-    Encode {
-        /// The file or document.
-        what: &'static str,
-        /// The encoder's reason.
-        reason: String,
-    },
+    Encode { what: &'static str, reason: String },
     /// A checkpoint of another version of the program.
     #[error("{}: this checkpoint is of another version of the program: {what}", path.display())]
-    Checkpoint {
-        /// The file.
-        path: PathBuf,
-        /// The note that is missing, unknown or unreadable.
-        what: String,
-    },
+    Checkpoint { path: PathBuf, what: String },
     /// Standard output is closed or full.
     #[error("cannot write to standard output: {0}")]
     Print(io::Error),
@@ -70,19 +51,12 @@ pub enum Error {
         "{what} would need about {} of device memory ({gaussians} Gaussians, pictures of {width} x {height}), and {device} allows {}", mebibytes(*needed), mebibytes(*there)
     )]
     Memory {
-        /// The job.
         what: &'static str,
-        /// Gaussians expected.
         gaussians: usize,
-        /// Widest picture in pixels.
         width: u32,
-        /// Highest picture in pixels.
         height: u32,
-        /// Bytes needed.
         needed: u64,
-        /// Bytes allowed.
         there: u64,
-        /// The device's name.
         device: String,
         /// A change that would make the job fit.
         relief: Relief,
@@ -91,16 +65,7 @@ pub enum Error {
     #[error(
         "a picture of {width} x {height} needs about {} of this machine's memory, which has {}", mebibytes(*needed), mebibytes(*there)
     )]
-    Picture {
-        /// Pixels per row.
-        width: u32,
-        /// Rows.
-        height: u32,
-        /// Bytes needed.
-        needed: u64,
-        /// Bytes of memory.
-        there: u64,
-    },
+    Picture { width: u32, height: u32, needed: u64, there: u64 },
     /// The synthetic scene's own errors.
     #[error(transparent)]
     Synth(#[from] synth::Error),
@@ -109,18 +74,7 @@ pub enum Error {
     Metrics(#[from] crate::metrics::Error),
     /// The device computes wrong numbers.
     #[error("{failed} of {checks} checks failed on {device} ({driver}), in {rooms}: its results cannot be trusted")]
-    SelfTest {
-        /// Checks that failed.
-        failed: usize,
-        /// Checks made.
-        checks: usize,
-        /// The parts of the engine whose checks failed.
-        rooms: String,
-        /// The device's name.
-        device: String,
-        /// Its driver.
-        driver: String,
-    },
+    SelfTest { failed: usize, checks: usize, rooms: String, device: String, driver: String },
     /// Every photo of the scene is held out.
     #[error("{}: no photo is left to train on", .0.display())]
     NothingToTrainOn(PathBuf),
@@ -130,7 +84,6 @@ pub enum Error {
     /// The run to resume has another configuration.
     #[error("{} holds a run with other options ({})", folder.display(), changes.join("; "))]
     OtherRun {
-        /// The run's folder.
         folder: PathBuf,
         /// The keys of its `config.toml` that differ, with both values.
         changes: Vec<String>,
@@ -146,60 +99,24 @@ pub enum Error {
     NoProgram(Vec<&'static str>),
     /// A program that works for this one failed.
     #[error("{program} failed ({ended}{}{last}); its log is {}", if last.is_empty() { "" } else { ": " }, log.display())]
-    Program {
-        /// The program.
-        program: &'static str,
-        /// Its exit status.
-        ended: String,
-        /// The last line that it wrote.
-        last: String,
-        /// The file with all its lines.
-        log: PathBuf,
-    },
+    Program { program: &'static str, ended: String, last: String, log: PathBuf },
     /// Too few photos could be placed.
     #[error("poses were found for {posed} of {photos} photos: too few for a scene")]
-    FewPoses {
-        /// Photos.
-        photos: usize,
-        /// Photos with poses.
-        posed: usize,
-    },
+    FewPoses { photos: usize, posed: usize },
     /// A file of a divided job that is damaged, or that is not its own.
     #[error("{}: {what}", path.display())]
-    Part {
-        /// The file.
-        path: PathBuf,
-        /// The fault.
-        what: String,
-        /// The task that writes it.
-        task: String,
-    },
+    Part { path: PathBuf, what: String, task: String },
     /// A file of `--diagnostics` that is damaged, or about another model.
     #[error("{}: {what}", path.display())]
-    Diagnostics {
-        /// The file.
-        path: PathBuf,
-        /// The fault.
-        what: String,
-    },
+    Diagnostics { path: PathBuf, what: String },
     /// A planned job needs a photo that cannot be read any more.
     #[error("{}: photo {photo} cannot be read; it could be when the job was planned", scene.display())]
-    LostPhoto {
-        /// The scene.
-        scene: PathBuf,
-        /// The photo's name.
-        photo: String,
-    },
+    LostPhoto { scene: PathBuf, photo: String },
     /// A device whose results differ in their bits from those of the device that a job was planned on.
     #[error(
         "results on this device (fingerprint {here}) are not bit-identical to those of the plan's device ({planned})"
     )]
-    OtherDevice {
-        /// Fingerprint of the plan's device.
-        planned: String,
-        /// Fingerprint of this one.
-        here: String,
-    },
+    OtherDevice { planned: String, here: String },
     /// Neither photos nor a video.
     #[error("{} holds no photos (jpg, png, webp), and is no video (mp4, mov, mkv, webm, avi)", .0.display())]
     NothingToPose(PathBuf),

@@ -29,9 +29,6 @@ pub struct Evaluation {
 
 /// Renders and scores the held-out views of a scene as a run of the same selection does; writes figures and pictures to
 /// `output`, if given. `file` is the path that `model` was read from.
-///
-/// # Errors
-/// Any error from reading the scene to writing results; no held-out view; [`Error::Interrupted`].
 pub fn eval(
     session: &Session<'_>,
     file: &Path,
@@ -86,9 +83,6 @@ pub fn eval(
 
 /// Measures a model on some of a scene's photos, for an evaluation in parts: as [`eval`] does on all of them, without the frame rate.
 /// Photos are named, those `held_out` and those trained on, and only these are decoded.
-///
-/// # Errors
-/// As of [`eval`]; [`Error::LostPhoto`].
 pub fn part(
     session: &Session<'_>,
     model: &Gaussians,

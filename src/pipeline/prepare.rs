@@ -131,9 +131,6 @@ pub struct Opened {
 }
 
 /// Opens a scene.
-///
-/// # Errors
-/// Errors of the scene's readers; absent photos.
 pub fn open(selection: &Selection) -> Result<Opened, Error> {
     let resize = match &selection.resolution {
         Some(text) => resolution(text).map_err(Error::Usage)?,

@@ -37,10 +37,6 @@ pub struct Setup<'a> {
 impl<'a> Setup<'a> {
     /// Opens the scene of `config`, checks that a run on it fits the device, decodes its photos and decides on its effects.
     /// Also returns the initial state of training: with `resume`, the checkpoint in `output`, if there is one.
-    ///
-    /// # Errors
-    /// Errors of the scene's readers; too little device memory; no photo to train on; a full disk; a checkpoint that
-    /// cannot be read.
     pub fn load(
         session: &Session<'a>,
         config: &RunConfig,
@@ -91,9 +87,6 @@ impl<'a> Setup<'a> {
     }
 
     /// Writes `config.toml`, after a check that `start` belongs to this configuration.
-    ///
-    /// # Errors
-    /// [`Error::OtherRun`]; [`Error::Write`].
     pub fn write_config(&self, start: &Start, output: &Output) -> Result<(), Error> {
         let Start::Resumed(checkpoint) = start else {
             // Figures of an earlier run in this folder would mark this one as finished.

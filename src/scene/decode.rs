@@ -77,9 +77,6 @@ pub(super) struct LoadedPhotos {
 /// otherwise a mask if any view has one. A mask that cannot be used hides nothing.
 ///
 /// `progress` is called from any thread after each photo, with the number done so far.
-///
-/// # Errors
-/// [`Error::Store`] where the temporary file cannot be written.
 pub fn load_photos(
     views: &[&View],
     options: &LoadOptions<'_>,

@@ -7,42 +7,27 @@ use crate::wording::unknown;
 
 /// The reason why no synthetic scene was written.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "fields are parts of the message")]
 pub enum Error {
     /// The effect is not in the list of [`Effect::ALL`].
     #[error("{}", unknown(name, "an effect", Effect::ALL.map(Effect::name)))]
-    UnknownEffect {
-        /// The name as it was given.
-        name: String,
-    },
+    UnknownEffect { name: String },
     /// Two effects that exclude each other were requested.
     #[error("effects \"{0}\" and \"{1}\" exclude each other")]
     Conflict(Effect, Effect),
     /// An effect that scenes of this kind do not have.
     #[error("a scene of kind {kind} has no effect \"{effect}\"")]
-    NotThere {
-        /// The effect.
-        effect: Effect,
-        /// The kind.
-        kind: Kind,
-    },
+    NotThere { effect: Effect, kind: Kind },
     /// A panorama of another shape.
     #[error("a panorama is twice as wide as high, as 512x256 is, not {width}x{height}")]
-    NoPanorama {
-        /// The width that was given.
-        width: u32,
-        /// The height that was given.
-        height: u32,
-    },
+    NoPanorama { width: u32, height: u32 },
     /// A number in the options lies outside its range.
     #[error("{what} is {value}: it must lie in {low}..={high}")]
     Range {
         /// The option, in words.
         what: &'static str,
-        /// The value that was given.
         value: u64,
-        /// The smallest value allowed.
         low: u64,
-        /// The largest value allowed.
         high: u64,
     },
     /// The folder holds files that no earlier run wrote.
@@ -53,20 +38,10 @@ pub enum Error {
     NotFolder(PathBuf),
     /// A file or folder could not be read, written or removed.
     #[error("{}: {source}", path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
+    Io { path: PathBuf, source: std::io::Error },
     /// A picture could not be encoded or written.
     #[error("{}: the picture could not be written: {source}", path.display())]
-    Picture {
-        /// The picture's file.
-        path: PathBuf,
-        /// The encoder's reason.
-        source: image::ImageError,
-    },
+    Picture { path: PathBuf, source: image::ImageError },
 }
 
 impl Error {

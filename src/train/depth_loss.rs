@@ -35,9 +35,6 @@ pub struct DepthLoss {
 
 impl DepthLoss {
     /// The maps of those photos that have one; none if none has.
-    ///
-    /// # Errors
-    /// Device memory; device errors.
     pub fn new(device: &Device, photos: &[Photo]) -> Result<Option<Self>> {
         let (mut all, mut places) = (Vec::new(), Vec::with_capacity(photos.len()));
         for photo in photos {

@@ -5,6 +5,7 @@ use std::io;
 
 /// An error of the training floor.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "fields are parts of the message")]
 pub enum Error {
     /// The device floor.
     #[error(transparent)]
@@ -20,31 +21,22 @@ pub enum Error {
     OtherPhotos {
         /// What a photo has one of.
         what: &'static str,
-        /// Photos that have one in the checkpoint.
         stored: usize,
-        /// Photos to train on.
         photos: usize,
     },
     /// A checkpoint whose arrays do not match the method's.
     #[error("the checkpoint's arrays are not those of the method {method}")]
-    Method {
-        /// The method's name.
-        method: &'static str,
-    },
+    Method { method: &'static str },
     /// The cameras leave no place for random points.
     #[error(
         "only {found} of {asked} random points found a place in {tries} tries, {near:.1} or more before {cameras} cameras that see it"
     )]
     Points {
-        /// Points found.
         found: usize,
-        /// Points asked for.
         asked: usize,
-        /// Rays tried.
         tries: u64,
         /// The near plane in world units.
         near: f64,
-        /// Cameras that must see a point.
         cameras: usize,
     },
 }

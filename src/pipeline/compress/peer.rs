@@ -50,9 +50,6 @@ impl Peer {
     }
 
     /// Its files of a model, from all Gaussians to few; failures are noted and left out.
-    ///
-    /// # Errors
-    /// Files that cannot be written or read; [`Error::Interrupted`].
     pub fn files(&self, session: &Session<'_>, model: &Gaussians, mode: RenderMode) -> Result<Vec<PeerFile>, Error> {
         let whole = self.at("whole.ply");
         formats::write(&whole, model, mode).map_err(Error::writing)?;

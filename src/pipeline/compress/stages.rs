@@ -33,9 +33,6 @@ pub struct Census {
 }
 
 /// Counts the views.
-///
-/// # Errors
-/// Those of reading a scene; a model or views that do not fit the device.
 pub fn census(session: &Session<'_>, model: &Gaussians, config: &CompressConfig) -> Result<Census, Error> {
     // Pictures need not be drawn to be counted.
     let (held_out, drawn) = match &config.views {

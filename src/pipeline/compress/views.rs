@@ -58,9 +58,6 @@ impl Views {
     }
 
     /// As [`Self::load`], only for the photos with these names, all of which are training photos.
-    ///
-    /// # Errors
-    /// Those of reading a scene; [`Error::LostPhoto`]; device memory.
     pub fn named<'m>(
         session: &Session<'_>,
         model: &'m Gaussians,
@@ -88,9 +85,6 @@ impl Views {
 
     /// The cameras of the training views, the settings of their pictures, and the model, without decoding photos. `names` lists
     /// the training photos, if there are photos; their background is known.
-    ///
-    /// # Errors
-    /// Those of reading a scene; [`Error::LostPhoto`]; device memory.
     pub fn cameras<'m>(
         session: &Session<'_>,
         model: &'m Gaussians,

@@ -32,9 +32,6 @@ pub fn read(path: &Path, step: Option<f64>) -> Result<Map, String> {
 }
 
 /// As [`read`], of a file's bytes.
-///
-/// # Errors
-/// As [`read`].
 pub fn of_bytes(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
     let length = |steps: u16| (f64::from(steps) * step.unwrap_or(STEP)) as f32;
     if bytes.starts_with(b"\x93NUMPY") {

@@ -16,9 +16,6 @@ use crate::scene::{Photo, camera, median};
 const VIEWS: usize = 8;
 
 /// Measures how well the given cameras of held-out photos fit a model's pictures; none without any, or without a Gaussian.
-///
-/// # Errors
-/// Device memory; device errors; photos that cannot be read; [`Error::Interrupted`].
 pub fn camera_errors(
     session: &Session<'_>,
     model: &Gaussians,

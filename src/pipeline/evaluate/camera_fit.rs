@@ -55,9 +55,6 @@ pub struct Fitted {
 
 impl CameraFit<'_> {
     /// Fits the camera; `draw` gives the model's picture by a camera.
-    ///
-    /// # Errors
-    /// Those of `draw`; a photo that cannot be read.
     pub fn run(&self, draw: &mut dyn FnMut(&Camera) -> Result<Image, Error>) -> Result<Fitted, Error> {
         let given = &self.photo.camera;
         let mut picture = |camera: &Camera| self.compared(&draw(camera)?);

@@ -22,20 +22,14 @@ use std::time::Instant;
 
 /// Reason why a model cannot be studied.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "fields are parts of the message")]
 pub enum Error {
     /// The device floor.
     #[error(transparent)]
     Device(#[from] gpu::Error),
     /// A response that is not a finite number.
     #[error("Gaussian {gaussian} has a response of {value} in channel {channel} ({}): responses must be finite", CHANNEL_NAMES[*channel])]
-    Response {
-        /// Its Gaussian.
-        gaussian: usize,
-        /// Its channel, 0 to 7.
-        channel: usize,
-        /// NaN or infinite.
-        value: f32,
-    },
+    Response { gaussian: usize, channel: usize, value: f32 },
 }
 
 /// Result of a study.

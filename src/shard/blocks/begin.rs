@@ -71,9 +71,6 @@ impl Setup<'_> {
     }
 
     /// The checkpoint in `output`, if it belongs to this run; otherwise the state from `begin`, after these prunes.
-    ///
-    /// # Errors
-    /// [`Error::Memory`] if the device has too little; a checkpoint that cannot be read; errors of `begin`.
     pub(super) fn start(
         &mut self,
         output: &Output,

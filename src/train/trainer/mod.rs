@@ -83,9 +83,6 @@ pub struct Trainer {
 impl Trainer {
     /// A run from its beginning.
     ///
-    /// # Errors
-    /// Device memory; device errors; no photos.
-    ///
     /// # Panics
     /// If the tail of the options is longer than the model.
     pub fn new(device: &Device, model: &Gaussians, photos: Vec<Photo>, extent: f64, options: Options) -> Result<Self> {
