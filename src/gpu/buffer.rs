@@ -37,13 +37,17 @@ pub(super) struct Storage {
 
 impl RawBuffer {
     pub(super) fn new(
-        context: &Arc<Context>,
+        device: &Device,
         name: &str,
         bytes: u64,
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self, Error> {
-        let size = stored(bytes);
+        let (context, size) = (device.context(), stored(bytes));
+        if let Some(counted) = device.counted() {
+            counted.fetch_add(size, Ordering::Relaxed);
+            return Ok(Self::pretended(context, name, 0, 0));
+        }
         if usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && size > context.info.max_buffer_bytes {
             return Err(Error::TooLarge {
                 name: name.to_owned(),
@@ -75,16 +79,7 @@ impl RawBuffer {
     ) -> Result<Self, Error> {
         if context.compile_only {
             let pretended = if location == MemoryLocation::GpuOnly { 0 } else { size as usize };
-            return Ok(Self(Arc::new(Storage {
-                raw: vk::Buffer::null(),
-                number: NEXT.fetch_add(1, Ordering::Relaxed),
-                bytes: size,
-                red_zone: 0,
-                name: name.to_owned(),
-                allocation: None,
-                pretended: vec![0; pretended],
-                context: Arc::clone(context),
-            })));
+            return Ok(Self::pretended(context, name, size, pretended));
         }
         let info = vk::BufferCreateInfo::default().size(size + red_zone).usage(usage);
         // SAFETY: the device is alive and `info` is complete.
@@ -125,6 +120,20 @@ impl RawBuffer {
         }
     }
 
+    /// A buffer of which only the size is known, and `mapped` bytes of host memory.
+    fn pretended(context: &Arc<Context>, name: &str, size: u64, mapped: usize) -> Self {
+        Self(Arc::new(Storage {
+            raw: vk::Buffer::null(),
+            number: NEXT.fetch_add(1, Ordering::Relaxed),
+            bytes: size,
+            red_zone: 0,
+            name: name.to_owned(),
+            allocation: None,
+            pretended: vec![0; mapped],
+            context: Arc::clone(context),
+        }))
+    }
+
     /// Size in bytes, a multiple of four.
     pub fn bytes(&self) -> u64 {
         self.0.bytes
@@ -162,10 +171,10 @@ impl Drop for Storage {
         if let Some(guards) = self.context.guards.as_ref().filter(|_| self.red_zone > 0) {
             guards.leave(self);
         }
-        self.context.unname_object(self.raw);
-        // SAFETY: submitted work holds its own reference until its fence was waited for, so none uses the buffer now.
-        unsafe { self.context.raw.destroy_buffer(self.raw, None) };
         if let Some(allocation) = self.allocation.take() {
+            self.context.unname_object(self.raw);
+            // SAFETY: submitted work holds its own reference until its fence was waited for, so none uses the buffer now.
+            unsafe { self.context.raw.destroy_buffer(self.raw, None) };
             self.context.memory.free(allocation);
         }
         self.context.memory.release(self.bytes);
@@ -239,7 +248,7 @@ impl Device {
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
         let bytes = len as u64 * size_of::<T>() as u64;
-        let raw = RawBuffer::new(self.context(), name, bytes, usage, MemoryLocation::GpuOnly)?;
+        let raw = RawBuffer::new(self, name, bytes, usage, MemoryLocation::GpuOnly)?;
         Ok(Buffer { raw, len, element: PhantomData })
     }
 }

@@ -28,6 +28,7 @@ use gpu_allocator::vulkan::AllocatorCreateDesc;
 use serde::Serialize;
 use std::ffi::CString;
 use std::mem::ManuallyDrop;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A Vulkan device, ready to run kernels; clones share it.
@@ -35,6 +36,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 pub struct Device {
     context: Arc<Context>,
     tuning: Arc<Tuning>,
+    /// Bytes of the buffers asked for, where they are only counted.
+    counted: Option<Arc<AtomicU64>>,
 }
 
 /// A device as records name it: its properties and the tuning of its kernels.
@@ -101,7 +104,7 @@ impl Device {
         let [least, most] = candidate.info.subgroup_range;
         let pins = candidate.info.has(Feature::SubgroupSizeControl) && least < most && claim.is_none();
         let context = Context::new(instance, candidate, options, pins)?;
-        let device = Self { context: Arc::new(context), tuning: Arc::new(tuning) };
+        let device = Self { context: Arc::new(context), tuning: Arc::new(tuning), counted: None };
         if options.compile_only {
             return Ok(device);
         }
@@ -146,7 +149,7 @@ impl Device {
     /// [`Error::Tuning`] with the field that does not fit the device.
     pub fn with_tuning(&self, tuning: Tuning) -> Result<Self, Error> {
         tuning.check(self.info()).map_err(Error::Tuning)?;
-        Ok(Self { context: Arc::clone(&self.context), tuning: Arc::new(tuning) })
+        Ok(Self { tuning: Arc::new(tuning), ..self.clone() })
     }
 
     /// The device and its tuning, for records.
@@ -190,6 +193,19 @@ impl Device {
     /// Bytes that this program may use on the device.
     pub fn memory_limit(&self) -> u64 {
         self.context.memory.limit()
+    }
+
+    /// Bytes of the buffers that `make` asks for: on the device that it gets, buffers are counted and not made, and nothing
+    /// runs. What it returns holds no data.
+    pub fn bytes_of<T, E>(&self, make: impl FnOnce(&Self) -> Result<T, E>) -> u64 {
+        let counted = Arc::new(AtomicU64::new(0));
+        let _ = make(&Self { counted: Some(Arc::clone(&counted)), ..self.clone() });
+        counted.load(Ordering::Relaxed)
+    }
+
+    /// The count of bytes where nothing runs: see [`Device::bytes_of`].
+    pub(super) fn counted(&self) -> Option<&AtomicU64> {
+        self.counted.as_deref()
     }
 
     pub(super) fn context(&self) -> &Arc<Context> {

@@ -41,7 +41,7 @@ impl<T: Pod> Feed<T> {
     fn part(&self) -> Result<RawBuffer, Error> {
         let bytes = self.len as u64 * size_of::<T>() as u64;
         let usage = vk::BufferUsageFlags::TRANSFER_SRC;
-        RawBuffer::new(self.device.context(), &self.name, bytes, usage, MemoryLocation::CpuToGpu)
+        RawBuffer::new(&self.device, &self.name, bytes, usage, MemoryLocation::CpuToGpu)
     }
 
     /// Records a copy of `values` to the beginning of a buffer.

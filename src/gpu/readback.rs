@@ -61,7 +61,7 @@ impl Device {
     pub fn readback<T: Pod>(&self, name: &str, len: usize) -> Result<Readback<T>, Error> {
         let bytes = len as u64 * size_of::<T>() as u64;
         let usage = vk::BufferUsageFlags::TRANSFER_DST;
-        let raw = RawBuffer::new(self.context(), name, bytes, usage, MemoryLocation::GpuToCpu)?;
+        let raw = RawBuffer::new(self, name, bytes, usage, MemoryLocation::GpuToCpu)?;
         Ok(Readback { under_way: None, raw, len, element: PhantomData })
     }
 }

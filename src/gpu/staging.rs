@@ -22,12 +22,12 @@ impl<T: Pod> Buffer<T> {
     /// Passes the first `count` elements to `look` part by part, with the offset of each part; waits for the device.
     pub fn read_parts(&self, device: &Device, count: usize, mut look: impl FnMut(usize, &[T])) -> Result<(), Error> {
         let size = size_of::<T>();
-        let count = count.min(self.len());
+        let count = if device.counted().is_some() { 0 } else { count.min(self.len()) };
         let step = (STAGING_BYTES as usize / size).max(1);
         for start in (0..count).step_by(step) {
             let n = step.min(count - start);
             let staging = RawBuffer::new(
-                device.context(),
+                device,
                 "read-back",
                 (n * size) as u64,
                 vk::BufferUsageFlags::TRANSFER_DST,
@@ -63,10 +63,13 @@ impl<T: Pod> Buffer<T> {
     /// If `data` is longer than the buffer.
     pub fn write(&self, device: &Device, data: &[T]) -> Result<(), Error> {
         assert!(data.len() <= self.len(), "{} elements do not fit a buffer of {}", data.len(), self.len());
+        if device.counted().is_some() {
+            return Ok(());
+        }
         let bytes: &[u8] = bytemuck::cast_slice(data);
         for (i, chunk) in bytes.chunks(STAGING_BYTES as usize).enumerate() {
             let mut staging = RawBuffer::new(
-                device.context(),
+                device,
                 "upload",
                 chunk.len() as u64,
                 vk::BufferUsageFlags::TRANSFER_SRC,

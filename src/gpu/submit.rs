@@ -27,6 +27,9 @@ pub struct Ticket {
 impl Device {
     /// Submits a recording and waits for it.
     pub fn run(&self, recording: Recording) -> Result<Timings, Error> {
+        if self.counted().is_some() {
+            return Ok(Timings::default());
+        }
         let ticket = self.submit(recording)?;
         self.context().counters.round_trips.fetch_add(1, Ordering::Relaxed);
         ticket.wait()

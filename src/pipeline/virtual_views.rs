@@ -164,7 +164,10 @@ pub fn responses<'m>(
 /// Bytes of device memory that [`responses`] takes besides the model and the results ([`Wanted::bytes`]).
 pub fn bytes(device: &Device, gaussians: usize, (size, pairs): ([u32; 2], u32), style: Style, wanted: Wanted) -> u64 {
     let pixels = wanted.gradient_pixels(size);
-    let pictures = Buffer::<[f32; 4]>::bytes_of(pixels) + HighPass::bytes(pixels);
+    let pictures = device.bytes_of(|counts| {
+        counts.buffer::<[f32; 4]>("image gradient", pixels)?;
+        HighPass::new(counts, pixels)
+    });
     let uses = Uses { purpose: wanted.purpose(), responses: true, style };
     Renderer::bytes(device, gaussians, size, pairs, uses) + pictures
 }

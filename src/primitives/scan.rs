@@ -43,11 +43,6 @@ impl Scan {
         device.tuning().scan_workgroup * device.tuning().scan_rows
     }
 
-    /// Bytes of [`Scan::new`].
-    pub fn bytes(device: &Device, capacity: u32) -> u64 {
-        Buffer::<u32>::bytes_of(capacity.div_ceil(Self::block(device)) as usize) + Count::bytes()
-    }
-
     /// Scratch memory for scans of up to `capacity` words.
     pub fn new(device: &Device, capacity: u32) -> Result<Self> {
         let (workgroup, rows) = (device.tuning().scan_workgroup, device.tuning().scan_rows);

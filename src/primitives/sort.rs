@@ -21,11 +21,6 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// Bytes of [`Pairs::new`].
-    pub fn bytes(capacity: u32) -> u64 {
-        2 * Buffer::<u32>::bytes_of(capacity as usize)
-    }
-
     /// Room for `capacity` pairs.
     pub fn new(device: &Device, name: &str, capacity: u32) -> Result<Self> {
         let room = || device.buffer(name, capacity as usize);
@@ -90,12 +85,6 @@ impl Sort {
     /// Pairs per workgroup, for sorts of this capacity on this device.
     pub fn block(device: &Device, capacity: u32) -> u32 {
         Shape::of(device, capacity).block()
-    }
-
-    /// Bytes of [`Sort::new`].
-    pub fn bytes(device: &Device, capacity: u32) -> u64 {
-        let digits = Shape::of(device, capacity).digits(capacity);
-        Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(digits as usize)
     }
 
     /// Scratch memory for sorts of up to `capacity` pairs.

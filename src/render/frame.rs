@@ -108,15 +108,6 @@ pub(super) struct PairBuffers {
 }
 
 impl PairBuffers {
-    /// Bytes of [`PairBuffers::new`].
-    pub fn bytes(device: &Device, capacity: u32, uses: Uses) -> u64 {
-        let n = capacity as usize;
-        let sums = SlotSums::bytes(uses.slots(n), uses.responses);
-        let lists = Pairs::bytes(capacity) + Buffer::<u32>::bytes_of(n) + Sort::bytes(device, capacity);
-        let tiles = if uses.style.depth_order { Buffer::<u32>::bytes_of(n) } else { 0 };
-        Count::bytes() + lists + tiles + sums
-    }
-
     pub fn new(device: &Device, capacity: u32, uses: Uses) -> Result<Self> {
         let n = capacity as usize;
         let sizes = [Sort::block(device, capacity)];
@@ -135,19 +126,6 @@ impl Frame {
     /// Capacity in tiles: the list of starts has one more entry.
     pub fn tiles(&self) -> usize {
         self.starts.len() - 1
-    }
-
-    /// Bytes of [`Frame::new`].
-    pub fn bytes(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, uses: Uses) -> u64 {
-        let n = gaussians.max(1);
-        let splats = 2 * Buffer::<[f32; 4]>::bytes_of(n) + Buffer::<[f32; 2]>::bytes_of(n);
-        let words = 5 * Buffer::<u32>::bytes_of(n);
-        let rows = Buffer::<f32>::bytes_of(uses.gradients(n));
-        let order = Count::bytes() + Pairs::bytes(n as u32) + Scan::bytes(device, n as u32);
-        let picture = Buffer::<u32>::bytes_of(tiles + 1) + Buffer::<[f32; 4]>::bytes_of(pixels);
-        let pairs = PairBuffers::bytes(device, pairs, uses);
-        let single = Buffer::<View>::bytes_of(1) + Buffer::<[f32; 4]>::bytes_of(1);
-        single + splats + words + rows + order + Sort::bytes(device, n as u32) + pairs + picture
     }
 
     pub fn new(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, uses: Uses) -> Result<Self> {

@@ -86,9 +86,9 @@ impl Renderer {
 
     /// Bytes of a renderer with room for the given numbers of Gaussians and pairs, and one `width` x `height` picture.
     pub fn bytes(device: &Device, gaussians: usize, [width, height]: [u32; 2], pairs: u32, uses: Uses) -> u64 {
-        let tiles = tiles(device.tuning().tile, [width, height]);
+        let (pixels, tiles) = (width as usize * height as usize, tiles(device.tuning().tile, [width, height]));
         let guards = if uses.purpose == Purpose::Pictures { 0 } else { Buffer::<u32>::bytes_of(2) };
-        Frame::bytes(device, gaussians, width as usize * height as usize, tiles, pairs, uses) + guards
+        device.bytes_of(|counts| Frame::new(counts, gaussians, pixels, tiles, pairs, uses)) + guards
     }
 
     /// The device of this renderer.

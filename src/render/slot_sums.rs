@@ -14,12 +14,6 @@ pub struct SlotSums {
 }
 
 impl SlotSums {
-    /// Bytes of [`SlotSums::new`].
-    pub(super) const fn bytes(slots: usize, responses: bool) -> u64 {
-        let vectors = if responses { 3 } else { 2 };
-        vectors * Buffer::<[f32; 4]>::bytes_of(slots) + Buffer::<f32>::bytes_of(slots)
-    }
-
     /// Sums of `slots` slots.
     pub(super) fn new(device: &Device, slots: usize, responses: bool) -> Result<Self> {
         let mut sums = Self {

@@ -12,11 +12,6 @@ pub struct HighPass {
 }
 
 impl HighPass {
-    /// Bytes of [`HighPass::new`].
-    pub fn bytes(pixels: usize) -> u64 {
-        Buffer::<f32>::bytes_of(3 * pixels)
-    }
-
     /// Scratch memory for pictures of up to `pixels`.
     pub fn new(device: &Device, pixels: usize) -> Result<Self> {
         Ok(Self { scratch: device.buffer("blurred columns", 3 * pixels)? })

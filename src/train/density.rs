@@ -32,7 +32,8 @@ pub struct Step {
 /// replaced one by one, so the widest, the moments of the last SH band, exists twice.
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
-    let choice = 3 * words(n) + Count::bytes() + Scan::bytes(device, n as u32) + 2 * words(after);
+    let scan = device.bytes_of(|counts| Scan::new(counts, n as u32));
+    let choice = 3 * words(n) + Count::bytes() + scan + 2 * words(after);
     choice + words(2 * n.max(after) * Gaussians::band_width(degree))
 }
 

@@ -88,13 +88,6 @@ fn diagonal(gains: [f32; 3]) -> [f32; SIZE] {
 }
 
 impl Exposure {
-    /// Bytes of the exposures of `photos` photos of at most `pixels`.
-    pub fn bytes(photos: usize, pixels: usize) -> u64 {
-        let affine = Buffer::<f32>::bytes_of(SIZE * photos) + Buffer::<f32>::bytes_of(3 * photos);
-        let affine = affine + Buffer::<[f32; 2]>::bytes_of(SIZE * photos);
-        affine + Buffer::<[f32; 4]>::bytes_of(pixels) + Buffer::<f32>::bytes_of(SIZE * GROUPS as usize)
-    }
-
     /// Exposures whose maps begin as these gains of red, green and blue; 1 for photos beyond the list.
     pub fn new(device: &Device, gains: &[[f32; 3]], photos: usize, pixels: usize) -> Result<Self> {
         let affine: Vec<f32> = of_each(gains, photos).flat_map(diagonal).collect();

@@ -25,11 +25,6 @@ pub struct Halve {
 }
 
 impl Halve {
-    /// Bytes of [`Halve::new`].
-    pub fn bytes(size: [u32; 2]) -> u64 {
-        Buffer::<u32>::bytes_of(pixels(size) as usize)
-    }
-
     /// Room for photos of at most `size`.
     pub fn new(device: &Device, size: [u32; 2]) -> Result<Self> {
         Ok(Self { photo: device.buffer("half photo", pixels(size) as usize)? })

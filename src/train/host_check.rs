@@ -2,7 +2,7 @@
 
 use super::error::Result;
 use super::loss::Loss;
-use crate::gpu::{Buffer, Device, Readback, Recording, Timings};
+use crate::gpu::{Device, Readback, Recording, Timings};
 use crate::render::{BackwardCounts, Counters, TrainingRenderer};
 
 /// Words of [`Counters`]; the loss's sums follow them.
@@ -27,9 +27,6 @@ pub(super) struct Seen {
 }
 
 impl HostCheck {
-    /// Bytes of [`HostCheck::new`].
-    pub const BYTES: u64 = Buffer::<u32>::bytes_of(COUNTERS + SUMS);
-
     pub fn new(device: &Device) -> Result<Self> {
         Ok(Self { readback: device.readback("look", COUNTERS + SUMS)? })
     }

@@ -90,15 +90,6 @@ struct Job<'a> {
 }
 
 impl Loss {
-    /// Bytes of [`Loss::new`].
-    pub fn bytes(device: &Device, width: u32, height: u32) -> u64 {
-        let (pixels, shape) = (width as usize * height as usize, Shape::of(device));
-        let planes = Buffer::<f32>::bytes_of(shape.means(pixels)) + Buffer::<f32>::bytes_of(9 * pixels);
-        let terms: u32 = shape.terms([width, height]).iter().sum();
-        let of = Buffer::<[f32; 4]>::bytes_of;
-        planes + of(terms as usize) + of(1) + of(pixels)
-    }
-
     /// Scratch memory for pictures of at most `width` x `height`.
     pub fn new(device: &Device, width: u32, height: u32) -> Result<Self> {
         let (pixels, shape) = (width as usize * height as usize, Shape::of(device));

@@ -13,11 +13,6 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// Bytes of [`Mask::new`].
-    pub fn bytes(pixels: usize) -> u64 {
-        Buffer::<[f32; 4]>::bytes_of(pixels)
-    }
-
     /// Room for pictures of at most `pixels`.
     pub fn new(device: &Device, pixels: usize, background: [f32; 3]) -> Result<Self> {
         Ok(Self { image: device.buffer("masked image", pixels)?, background })

@@ -2,6 +2,7 @@
 
 use super::density;
 use super::device_photos::DevicePhotos;
+use super::error::Result;
 use super::exposure::Exposure;
 use super::halve::Halve;
 use super::host_check::HostCheck;
@@ -65,15 +66,19 @@ impl Trainer {
         let model = TrainingModel::bytes(n, tail, degree) + arrays;
         let uses = Uses { purpose: Purpose::Training, responses: false, style: needs.style };
         let renderer = Renderer::bytes(device, n, size, pairs, uses);
-        let pictures =
-            DevicePhotos::bytes(&needs.photos, device.memory_limit()) + Loss::bytes(device, size[0], size[1]);
-        let pixels = size[0] as usize * size[1] as usize;
-        let exposures = if needs.exposure { Exposure::bytes(needs.photos.len(), pixels) } else { 0 };
-        let poses = if needs.poses { Poses::bytes(needs.photos.len()) } else { 0 };
-        let pictures = pictures + exposures + poses + if needs.masked { Mask::bytes(pixels) } else { 0 };
-        let pictures = pictures + needs.depths;
-        let pictures = pictures + if needs.halves { Halve::bytes(size) } else { 0 };
-        let pictures = pictures + if needs.style.antialias { Smoothing::bytes(needs.photos.len()) } else { 0 };
+        let (photos, pixels) = (needs.photos.len(), size[0] as usize * size[1] as usize);
+        let pictures = device.bytes_of(|counts| -> Result<()> {
+            Loss::new(counts, size[0], size[1])?;
+            HostCheck::new(counts)?;
+            needs.exposure.then(|| Exposure::new(counts, &[], photos, pixels)).transpose()?;
+            needs.masked.then(|| Mask::new(counts, pixels, [0.0; 3])).transpose()?;
+            needs.halves.then(|| Halve::new(counts, size)).transpose()?;
+            Ok(())
+        });
+        let poses = if needs.poses { Poses::bytes(photos) } else { 0 };
+        let smoothing = if needs.style.antialias { Smoothing::bytes(photos) } else { 0 };
+        let pictures = pictures + needs.depths + poses + smoothing;
+        let pictures = pictures + DevicePhotos::bytes(&needs.photos, device.memory_limit());
         let growth = if grows || method.is_some() { density::bytes(device, n, n, degree) } else { 0 };
         // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
         let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
@@ -83,6 +88,6 @@ impl Trainer {
         // The renderer's buffers are freed while the number of Gaussians changes and while views are scored.
         let released = Renderer::bytes(device, 1, [1, 1], 1, uses) + growth.max(needs.evaluation);
         let resting = Renderer::bytes(device, 1, [1, 1], 1, Uses { style: needs.style, ..Uses::default() });
-        model + pictures + HostCheck::BYTES + resting + drawing.max(released)
+        model + pictures + resting + drawing.max(released)
     }
 }

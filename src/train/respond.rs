@@ -13,6 +13,11 @@ use crate::response::{self, Gather, Responses, Term, Views, Wanted, full_pass};
 use crate::scene::{Photo, camera};
 use std::ops::Range;
 
+/// Errors of a pass: those of its caller, into which a device's and training's go.
+pub trait PassError: From<gpu::Error> + From<super::Error> {}
+
+impl<E: From<gpu::Error> + From<super::Error>> PassError for E {}
+
 /// Photos, and the objective that compares pictures with them.
 struct Compared<'a> {
     photos: &'a [Photo],
@@ -20,32 +25,14 @@ struct Compared<'a> {
     objective: &'a Objective,
 }
 
-/// The pass over all photos.
-fn pass<E>(
-    renderer: &mut TrainingRenderer,
-    model: Source<'_>,
-    compared: Compared<'_>,
-    wanted: Wanted,
-    followed: (impl FnMut(usize) -> Result<(), E>, Option<usize>),
-) -> Result<Responses, E>
-where
-    E: From<gpu::Error> + From<super::Error>,
-{
-    let all = 0..compared.photos.len();
-    pass_over(renderer, model, compared, (wanted, all), followed)
-}
-
 /// A pass over the photos with these numbers.
-fn pass_over<E>(
+fn pass<E: PassError>(
     renderer: &mut TrainingRenderer,
     model: Source<'_>,
-    Compared { photos, device_photos, objective }: Compared<'_>,
+    Compared { photos, device_photos, objective }: &mut Compared<'_>,
     (wanted, numbers): (Wanted, Range<usize>),
     (follow, of): (impl FnMut(usize) -> Result<(), E>, Option<usize>),
-) -> Result<Responses, E>
-where
-    E: From<gpu::Error> + From<super::Error>,
-{
+) -> Result<Responses, E> {
     let first = numbers.start;
     let cameras: Vec<_> = photos[numbers].iter().map(|p| p.camera.clone()).collect();
     let views = Views { cameras: &cameras, follow, of };
@@ -63,20 +50,31 @@ where
     })
 }
 
+/// A pass over each photo alone, whose results go to `each` with its number.
+fn by_photo<E: PassError>(
+    renderer: &mut TrainingRenderer,
+    model: Source<'_>,
+    compared: &mut Compared<'_>,
+    wanted: Wanted,
+    mut each: impl FnMut(usize, Responses) -> Result<(), E>,
+) -> Result<(), E> {
+    (0..compared.photos.len()).try_for_each(|number| {
+        let one = (wanted, number..number + 1);
+        each(number, pass(renderer, model, compared, one, (|_| Ok::<_, E>(()), None))?)
+    })
+}
+
 /// Responses and scores, as `wanted`, of `photos` to a model that is not in training, on the device or on the host. Of
 /// the options, image formation, exposures, the loss's weights and the capacity in pairs matter. With `of`, the photos
 /// are a chunk of that many, as in [`Views::of`].
-pub fn responses<E>(
+pub fn responses<E: PassError>(
     device: &Device,
     model: Source<'_>,
     photos: &[Photo],
     options: &Options,
     wanted: Wanted,
     (follow, of): (impl FnMut(usize) -> Result<(), E>, Option<usize>),
-) -> Result<Responses, E>
-where
-    E: From<gpu::Error> + From<super::Error>,
-{
+) -> Result<Responses, E> {
     let size = camera::largest(photos.iter().map(|p| &p.camera));
     let mut renderer = response::renderer(device, options.settings, model, (size, options.pairs), wanted)?;
     if !wanted.gradients() {
@@ -85,47 +83,25 @@ where
         let views = Views { cameras: &cameras, follow, of };
         return full_pass(&mut renderer, model, views, &unread, wanted, |_, _, _, _| Ok(()));
     }
-    let mut device_photos = DevicePhotos::new(device, photos)?;
-    let objective = Objective::new(device, photos, size, options)?;
-    let compared = Compared { photos, device_photos: &mut device_photos, objective: &objective };
-    pass(&mut renderer, model, compared, wanted, (follow, of))
+    let (device_photos, objective) =
+        (&mut DevicePhotos::new(device, photos)?, &Objective::new(device, photos, size, options)?);
+    let mut compared = Compared { photos, device_photos, objective };
+    pass(&mut renderer, model, &mut compared, (wanted, 0..photos.len()), (follow, of))
 }
 
 /// Like [`responses`], but passes the results of each photo alone, with its number, to `each`.
-pub fn responses_by_photo<E>(
+pub fn responses_by_photo<E: PassError>(
     device: &Device,
     model: Source<'_>,
     photos: &[Photo],
     (options, wanted): (&Options, Wanted),
     each: impl FnMut(usize, Responses) -> Result<(), E>,
-) -> Result<(), E>
-where
-    E: From<gpu::Error> + From<super::Error>,
-{
+) -> Result<(), E> {
     let size = camera::largest(photos.iter().map(|p| &p.camera));
     let mut renderer = response::renderer(device, options.settings, model, (size, options.pairs), wanted)?;
-    let mut device_photos = DevicePhotos::new(device, photos)?;
-    let objective = Objective::new(device, photos, size, options)?;
-    let compared = Compared { photos, device_photos: &mut device_photos, objective: &objective };
-    by_photo(&mut renderer, model, compared, wanted, each)
-}
-
-fn by_photo<E>(
-    renderer: &mut TrainingRenderer,
-    model: Source<'_>,
-    Compared { photos, device_photos, objective }: Compared<'_>,
-    wanted: Wanted,
-    mut each: impl FnMut(usize, Responses) -> Result<(), E>,
-) -> Result<(), E>
-where
-    E: From<gpu::Error> + From<super::Error>,
-{
-    for number in 0..photos.len() {
-        let compared = Compared { photos, device_photos, objective };
-        let one = (wanted, number..number + 1);
-        each(number, pass_over(renderer, model, compared, one, (|_| Ok::<_, E>(()), None))?)?;
-    }
-    Ok(())
+    let (device_photos, objective) =
+        (&mut DevicePhotos::new(device, photos)?, &Objective::new(device, photos, size, options)?);
+    by_photo(&mut renderer, model, &mut Compared { photos, device_photos, objective }, wanted, each)
 }
 
 /// The photos of [`responses`], for an estimate of its memory.
@@ -153,43 +129,36 @@ pub fn bytes(
     if !wanted.gradients() {
         return renderer + Buffer::<[f32; 4]>::bytes_of(1);
     }
-    let pixels = size[0] as usize * size[1] as usize;
-    let masks = if masked { Mask::bytes(pixels) } else { 0 };
-    renderer + DevicePhotos::bytes(bytes, device.memory_limit()) + Loss::bytes(device, size[0], size[1]) + masks
+    let compared = device.bytes_of(|counts| {
+        masked.then(|| Mask::new(counts, size[0] as usize * size[1] as usize, [0.0; 3])).transpose()?;
+        Loss::new(counts, size[0], size[1])
+    });
+    renderer + DevicePhotos::bytes(bytes, device.memory_limit()) + compared
 }
 
 impl Trainer {
-    /// Responses and scores, as `wanted`, by a pass over all photos. Neither model nor moments change.
-    pub fn responses(&mut self, wanted: Wanted) -> Result<Responses> {
-        self.responses_with(wanted, |_| Ok(()))
-    }
-
-    /// Like [`Trainer::responses`]; `follow` receives the number of photos done, and may end the pass by an error.
-    pub fn responses_with<E>(
-        &mut self,
-        wanted: Wanted,
-        follow: impl FnMut(usize) -> Result<(), E>,
-    ) -> Result<Responses, E>
-    where
-        E: From<gpu::Error> + From<super::Error>,
-    {
+    /// The trainer's renderer, model and photos for a pass.
+    fn for_pass(&mut self) -> (&mut TrainingRenderer, Source<'_>, Compared<'_>) {
         let (model, photos) = (Source::Device(&self.training.model), &self.photos);
         let compared = Compared { photos, device_photos: &mut self.device_photos, objective: &self.objective };
-        pass(&mut self.renderer, model, compared, wanted, (follow, None))
+        (&mut self.renderer, model, compared)
+    }
+
+    /// Responses and scores, as `wanted`, by a pass over all photos. Neither model nor moments change.
+    pub fn responses(&mut self, wanted: Wanted) -> Result<Responses> {
+        let (renderer, model, mut compared) = self.for_pass();
+        let all = 0..compared.photos.len();
+        pass(renderer, model, &mut compared, (wanted, all), (|_| Ok(()), None))
     }
 
     /// Like [`Trainer::responses`], but passes the results of each photo alone, with its number, to `each`.
-    pub fn responses_by_photo<E>(
+    pub fn responses_by_photo<E: PassError>(
         &mut self,
         wanted: Wanted,
         each: impl FnMut(usize, Responses) -> Result<(), E>,
-    ) -> Result<(), E>
-    where
-        E: From<gpu::Error> + From<super::Error>,
-    {
-        let (model, photos) = (Source::Device(&self.training.model), &self.photos);
-        let compared = Compared { photos, device_photos: &mut self.device_photos, objective: &self.objective };
-        by_photo(&mut self.renderer, model, compared, wanted, each)
+    ) -> Result<(), E> {
+        let (renderer, model, mut compared) = self.for_pass();
+        by_photo(renderer, model, &mut compared, wanted, each)
     }
 
     /// Responses averaged over [`super::Options::averaged`], decayed to the last iteration done; `None` before those

@@ -139,9 +139,9 @@ fn off_is_free() {
         let scopes: Vec<_> = trainer.timings().iter().map(|(name, ..)| name).collect();
         assert_eq!((scopes.contains(&"exposure"), scopes.contains(&"masks")), (exposure, masked), "{scopes:?}");
     }
-    let photos = 7; // of nine, two are held out
-    assert_eq!(taken[1] - taken[0], Exposure::bytes(photos, 48 * 36));
-    assert_eq!(taken[2] - taken[0], Mask::bytes(48 * 36));
+    let (photos, pixels) = (7, 48 * 36); // of nine, two are held out
+    assert_eq!(taken[1] - taken[0], device.bytes_of(|counts| Exposure::new(counts, &[], photos, pixels)));
+    assert_eq!(taken[2] - taken[0], device.bytes_of(|counts| Mask::new(counts, pixels, [0.0; 3])));
     finish(&device);
 }
 
