@@ -79,8 +79,12 @@ impl<'py> FromPyObject<'_, 'py> for Resolution {
 pub fn json(options: &Bound<'_, PyDict>) -> PyResult<serde_json::Map<String, serde_json::Value>> {
     // Paths and NumPy's numbers are written as text and numbers.
     let py = options.py();
-    let locals = [("options", options)].into_py_dict(py)?;
-    let code = c"__import__('json').dumps(options, default=lambda x: x.item() if hasattr(x, 'item') else __import__('os').fspath(x))";
-    let text: String = py.eval(code, None, Some(&locals))?.extract()?;
-    serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))
+    let code = c"lambda value: __import__('json').dumps(value, default=lambda x: x.item() if hasattr(x, 'item') else __import__('os').fspath(x), allow_nan=False)";
+    let dumps = py.eval(code, None, None)?;
+    let one = |(name, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
+        let text = dumps.call1((&value,)).map_err(|e| wrong(format!("{name}={value}: {e}")))?;
+        let value = serde_json::from_str(text.extract()?);
+        Ok((name.extract()?, value.map_err(|e| wrong(format!("{name}: {e}")))?))
+    };
+    options.iter().map(one).collect()
 }

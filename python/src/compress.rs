@@ -2,7 +2,7 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{number, share, wrong};
+use crate::errors::{number, share, some_pixels, some_whole, whole, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
 use engine::gaussians::formats;
@@ -34,21 +34,22 @@ pub fn compress<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
     keep: Option<f64>,
-    count: Option<i64>,
-    size: Option<i64>,
+    #[pyo3(from_py_with = some_whole)] count: Option<i64>,
+    #[pyo3(from_py_with = some_whole)] size: Option<i64>,
     psnr: Option<f64>,
     output: Option<PathBuf>,
     scene: Option<PathBuf>,
     resolution: Option<Resolution>,
     selector: Option<&str>,
-    fine_tune: u32,
-    views: Option<i64>,
-    picture_size: Option<(u32, u32)>,
-    seed: u32,
+    #[pyo3(from_py_with = whole)] fine_tune: i64,
+    #[pyo3(from_py_with = some_whole)] views: Option<i64>,
+    #[pyo3(from_py_with = some_pixels)] picture_size: Option<(u32, u32)>,
+    #[pyo3(from_py_with = whole)] seed: i64,
     device: Option<&Bound<'py, Device>>,
     on_progress: Option<Py<PyAny>>,
 ) -> PyResult<(Model, Bound<'py, PyAny>)> {
     let model = model.get();
+    let (fine_tune, seed) = (number("fine_tune", fine_tune, 0)?, number("seed", seed, 0)?);
     let mut config = CompressConfig { style: Style::of(model.mode), fine_tune, seed, ..CompressConfig::default() };
     config.compression = CompressConfig::rule(fine_tune);
     if let Some(selector) = selector {
@@ -71,9 +72,6 @@ pub fn compress<'py>(
         VirtualCameras { views: views.unwrap_or(usual.views), size: picture_size.unwrap_or(usual.size), ..usual };
     if let Some(psnr) = psnr.filter(|psnr| !(5.0..=100.0).contains(psnr)) {
         return Err(wrong(format!("psnr={psnr}: give one from 5 to 100 dB")));
-    }
-    if picture_size.is_some_and(|(width, height)| width == 0 || height == 0) {
-        return Err(wrong("picture_size: give 1 pixel or more each"));
     }
     config.views = match &scene {
         Some(_) if views.is_some() || picture_size.is_some() => {

@@ -1,6 +1,6 @@
 //! Devices.
 
-use crate::errors::raised;
+use crate::errors::{number, raised, some_whole};
 use engine::gpu::{self, DeviceOptions};
 use engine::job::Error;
 use pyo3::prelude::*;
@@ -18,7 +18,12 @@ impl Device {
     /// Opens a device: by its index, a part of its name, "uuid:..." or "pci:...", else $QIRF_DEVICE, else the best there is.
     #[new]
     #[pyo3(signature = (name=None, *, memory_limit=None))]
-    fn new(py: Python<'_>, name: Option<String>, memory_limit: Option<u64>) -> PyResult<Self> {
+    fn new(
+        py: Python<'_>,
+        name: Option<String>,
+        #[pyo3(from_py_with = some_whole)] memory_limit: Option<i64>,
+    ) -> PyResult<Self> {
+        let memory_limit = memory_limit.map(|bytes| number("memory_limit", bytes, 1)).transpose()?;
         let options = DeviceOptions::from_env().map_err(|e| raised(Error::from(e)))?;
         let options = DeviceOptions { device: name.or(options.device), memory_limit, ..options };
         let inner = py.detach(|| gpu::Device::open(&options)).map_err(|e| raised(Error::from(e)))?;

@@ -1,6 +1,6 @@
 //! Edits: each makes a new model.
 
-use crate::errors::{raised, wrong};
+use crate::errors::{raised, whole, wrong};
 use crate::model::Model;
 use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted, common_origin};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
@@ -41,7 +41,11 @@ impl Model {
 
     /// Translates by (x, y, z) in world units.
     fn move_by(&self, py: Python<'_>, offset: [f64; 3]) -> PyResult<Self> {
-        self.transformed(py, Ok(Similarity::shift(DVec3::from_array(offset))))
+        let offset = DVec3::from_array(offset);
+        if !offset.is_finite() {
+            return Err(wrong(format!("offset={offset}: give finite numbers")));
+        }
+        self.transformed(py, Ok(Similarity::shift(offset)))
     }
 
     /// Rotates about an axis through the origin (right-handed).
@@ -67,7 +71,7 @@ impl Model {
     }
 
     /// Drops the bands above this SH degree.
-    fn with_degree(&self, py: Python<'_>, degree: i64) -> PyResult<Self> {
+    fn with_degree(&self, py: Python<'_>, #[pyo3(from_py_with = whole)] degree: i64) -> PyResult<Self> {
         let within = usize::try_from(degree).ok().filter(|degree| *degree <= MAX_SH_DEGREE);
         let degree = within.ok_or_else(|| wrong(format!("degree={degree}: give one from 0 to {MAX_SH_DEGREE}")))?;
         self.edited(py, Edit::ShDegree(degree))

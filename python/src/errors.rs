@@ -1,7 +1,7 @@
 //! The engine's errors as Python's exceptions, with the engine's words.
 
 use engine::job::{Error, Exit};
-use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyOverflowError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::error::Error as _;
 use std::io;
@@ -50,12 +50,42 @@ pub fn share(keep: f64) -> PyResult<f64> {
     Err(wrong(format!("keep={keep}: give a share above 0 and up to 1")))
 }
 
+/// A whole number of any size; what 64 bits cannot hold becomes the nearest that they can.
+pub fn whole(object: &Bound<'_, PyAny>) -> PyResult<i64> {
+    match object.extract() {
+        Err(e) if e.is_instance_of::<PyOverflowError>(object.py()) => {
+            Ok(if object.lt(0)? { i64::MIN } else { i64::MAX })
+        }
+        read => read,
+    }
+}
+
+/// As [`whole`], or None.
+pub fn some_whole(object: &Bound<'_, PyAny>) -> PyResult<Option<i64>> {
+    if object.is_none() { Ok(None) } else { whole(object).map(Some) }
+}
+
+/// A width and a height in pixels.
+pub fn pixels(object: &Bound<'_, PyAny>) -> PyResult<(u32, u32)> {
+    let (width, height): (Bound<'_, PyAny>, Bound<'_, PyAny>) = object.extract()?;
+    let side = |side: &Bound<'_, PyAny>| Ok(whole(side)?.clamp(0, i64::from(u32::MAX)) as u32);
+    match (side(&width)?, side(&height)?) {
+        (width @ 1..=65_536, height @ 1..=65_536) => Ok((width, height)),
+        _ => Err(wrong(format!("a picture of {width} x {height} pixels: give 1 to 65,536 each"))),
+    }
+}
+
+/// As [`pixels`], or None.
+pub fn some_pixels(object: &Bound<'_, PyAny>) -> PyResult<Option<(u32, u32)>> {
+    if object.is_none() { Ok(None) } else { pixels(object).map(Some) }
+}
+
 /// A number of things that has to be at least `least`.
 pub fn number<T: TryFrom<i64>>(name: &str, value: i64, least: i64) -> PyResult<T> {
-    T::try_from(value)
-        .ok()
-        .filter(|_| value >= least)
-        .ok_or_else(|| wrong(format!("{name}={value}: give {least} or more")))
+    if value < least {
+        return Err(wrong(format!("{name}={value}: give {least} or more")));
+    }
+    T::try_from(value).map_err(|_| wrong(format!("{name}={value}: give a smaller number")))
 }
 
 /// A colour of red, green and blue in [0, 1].

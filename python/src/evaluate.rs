@@ -2,7 +2,7 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{colour, number, wrong};
+use crate::errors::{colour, number, whole, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
 use engine::gaussians::Gaussians;
@@ -27,7 +27,7 @@ pub fn evaluate<'py>(
     scene: Option<PathBuf>,
     against: Option<&Bound<'py, Model>>,
     resolution: Option<Resolution>,
-    eval_every: i64,
+    #[pyo3(from_py_with = whole)] eval_every: i64,
     background: Option<[f32; 3]>,
     device: Option<&Bound<'py, Device>>,
     on_progress: Option<Py<PyAny>>,

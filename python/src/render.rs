@@ -2,7 +2,7 @@
 
 use crate::arrays::matrix;
 use crate::device::{Device, or_usual};
-use crate::errors::{colour, number, raised, wrong};
+use crate::errors::{colour, number, pixels, raised, some_pixels, whole, wrong};
 use crate::model::Model;
 use engine::gaussians::Gaussians;
 use engine::gaussians::outline::outline;
@@ -42,7 +42,7 @@ impl Camera {
     fn new(
         k: &Bound<'_, PyAny>,
         world_to_camera: &Bound<'_, PyAny>,
-        size: (u32, u32),
+        #[pyo3(from_py_with = pixels)] size: (u32, u32),
         near: Option<f32>,
     ) -> PyResult<Self> {
         let k: [[f64; 3]; 3] = matrix(k, "K")?;
@@ -86,7 +86,7 @@ impl Camera {
         target: [f64; 3],
         up: [f64; 3],
         fov: f64,
-        size: (u32, u32),
+        #[pyo3(from_py_with = pixels)] size: (u32, u32),
         near: Option<f32>,
     ) -> PyResult<Self> {
         if !(fov > 0.0 && fov < 180.0) {
@@ -134,12 +134,6 @@ impl Camera {
 
 impl Camera {
     fn checked(inner: camera::Camera, near: Option<f32>) -> PyResult<Self> {
-        if inner.width == 0 || inner.height == 0 || inner.width > 65_536 || inner.height > 65_536 {
-            return Err(wrong(format!(
-                "a picture of {} x {} pixels: give 1 to 65,536 each",
-                inner.width, inner.height
-            )));
-        }
         if !(inner.translation.is_finite() && inner.rotation.is_finite() && inner.principal.is_finite()) {
             return Err(wrong("a camera's place and direction should be finite numbers"));
         }
@@ -156,8 +150,8 @@ impl Camera {
 pub fn orbit(
     py: Python<'_>,
     model: &Bound<'_, Model>,
-    count: i64,
-    size: (u32, u32),
+    #[pyo3(from_py_with = whole)] count: i64,
+    #[pyo3(from_py_with = pixels)] size: (u32, u32),
     fov: f64,
     elevation: f64,
     up: [f64; 3],
@@ -262,7 +256,7 @@ impl Renderer {
         py: Python<'py>,
         camera: &Bound<'py, PyAny>,
         world_to_camera: Option<&Bound<'py, PyAny>>,
-        size: Option<(u32, u32)>,
+        #[pyo3(from_py_with = some_pixels)] size: Option<(u32, u32)>,
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let camera = camera_of(camera, world_to_camera, size)?;
         let image = py
@@ -281,7 +275,7 @@ impl Renderer {
         py: Python<'py>,
         camera: &Bound<'py, PyAny>,
         world_to_camera: Option<&Bound<'py, PyAny>>,
-        size: Option<(u32, u32)>,
+        #[pyo3(from_py_with = some_pixels)] size: Option<(u32, u32)>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let camera = camera_of(camera, world_to_camera, size)?;
         let image = py.detach(|| -> Result<(f64, Image), Error> {

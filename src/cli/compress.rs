@@ -235,7 +235,7 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
             let psnr = psnr.map_or_else(|| "equal".to_owned(), |v| format!("{v:.2} dB"));
             let worst = views.iter().filter_map(|view| stage(&view.scores).as_ref()?.psnr).reduce(f64::min);
             let worst = worst.map_or_else(String::new, |v| format!(" (worst view {v:.2} dB)"));
-            console.print(format_args!("{name:<10} PSNR {psnr}{worst}, SSIM {ssim:.4}{more}"))
+            console.print(format_args!("{name:<10} PSNR {psnr}{worst}, SSIM {:.4}{more}", ssim.unwrap_or_default()))
         }
         None => Ok(()),
     };

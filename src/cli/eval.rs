@@ -175,9 +175,12 @@ impl Arguments {
 fn table(console: &Console, test: Option<&Scores>, views: &[ViewScores]) -> Result<(), Error> {
     let lpips = test.is_some_and(|t| t.lpips_vgg.is_some());
     let row = |name: &str, scores: &Scores| {
+        let Some(ssim) = scores.ssim else {
+            return console.print(format_args!("{name:<32} {:>8} {:>8}", "hidden", "-"));
+        };
         // The PSNR of equal pictures is infinite.
         let psnr = scores.psnr.map_or_else(|| "equal".to_owned(), |v| format!("{v:.3}"));
-        let mut line = format!("{name:<32} {psnr:>8} {:>8.4}", scores.ssim);
+        let mut line = format!("{name:<32} {psnr:>8} {ssim:>8.4}");
         if lpips {
             line += &scores.lpips_vgg.map_or_else(|| format!(" {:>8}", "-"), |v| format!(" {v:>8.4}"));
         }
@@ -188,5 +191,6 @@ fn table(console: &Console, test: Option<&Scores>, views: &[ViewScores]) -> Resu
     for view in views {
         row(&view.name, &view.scores)?;
     }
-    test.map_or(Ok(()), |mean| row(&format!("mean of {}", views.len()), mean))
+    let counting = views.iter().filter(|view| view.scores.counts()).count();
+    test.map_or(Ok(()), |mean| row(&format!("mean of {counting}"), mean))
 }

@@ -1,5 +1,5 @@
-//! Ctrl-C and SIGTERM, on Windows Ctrl-C, Ctrl-Break and the closing of the window: the first one asks the work to end at the next
-//! step, the second one ends the program.
+//! Ctrl-C, SIGTERM and the closing of the terminal, on Windows also Ctrl-Break: the first one asks the work to end at the next step,
+//! the second one ends the program.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,7 +22,7 @@ impl Watch {
 
 #[cfg(not(windows))]
 fn watched() -> Arc<AtomicBool> {
-    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     use signal_hook::flag;
     let asked = Arc::new(AtomicBool::new(false));
     // In this order, the first Ctrl-C finds the flag unset and sets it, the second finds it set.
@@ -33,7 +33,19 @@ fn watched() -> Arc<AtomicBool> {
             tracing::debug!("signal {signal} will end the program at once: {e}");
         }
     }
+    // Shell and system may both tell that the terminal is closed: a second time ends nothing.
+    if hang_up_counts() {
+        let _ = flag::register(SIGHUP, Arc::clone(&asked));
+    }
     asked
+}
+
+/// Returns true if the program was not started under nohup, where the system tells.
+#[cfg(not(windows))]
+fn hang_up_counts() -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    ignored.is_some_and(|signals| signals & 1 << (signal_hook::consts::SIGHUP - 1) == 0)
 }
 
 /// One thread for the whole process waits for the console's events. Closing its window is one: Windows leaves the program five

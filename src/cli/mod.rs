@@ -32,6 +32,7 @@ mod values;
 mod view;
 mod viewer;
 
+use crate::gaussians::formats;
 use crate::gpu::{Device, DeviceOptions, Milliseconds, TuningChoice};
 use crate::job::{Error, Exit};
 use crate::metrics::Networks;
@@ -226,13 +227,12 @@ fn holds_run(output: &Path) -> Error {
     Error::Usage(format!("-o {} holds a run and its figures; name another folder", output.display()))
 }
 
-/// Refuses a folder where a file is to be written, and a file in a folder that is not there.
+/// Refuses a folder where a file is to be written, and a file that cannot be written there.
 fn check_file(output: &Path) -> Result<(), Error> {
     if output.is_dir() {
         return Err(Error::Usage(format!("{} is a folder; name a file", output.display())));
     }
-    let folder = output.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    std::fs::metadata(folder).map(drop).map_err(|source| Error::Write { path: output.to_owned(), source })
+    formats::check_place(output).map_err(Error::writing)
 }
 
 /// Reports scores skipped because their weights are missing, and how to get those; to be called once there are scores.

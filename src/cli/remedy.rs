@@ -40,7 +40,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::OtherRun { folder, .. } => {
             let config = quoted(&folder.join("config.toml"));
             Some(format!(
-                "use the original options (`--config {config}` gives `run` all of them), or another folder with -o"
+                "use the original options (`--config {config}` gives `run` all of them) and photos, or another folder with -o"
             ))
         }
         Error::Unfinished(checkpoint) => {

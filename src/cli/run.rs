@@ -243,11 +243,11 @@ impl Arguments {
         let score = |v: Option<f64>, unit: &str| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}{unit}"));
         if let Some(test) = &record.test {
             console.print(format_args!(
-                "test   PSNR {}  SSIM {:.4}  LPIPS {}  ({})",
+                "test   PSNR {}  SSIM {}  LPIPS {}  ({})",
                 score(test.psnr, " dB"),
-                test.ssim,
+                test.ssim.map_or_else(|| "-".to_owned(), |v| format!("{v:.4}")),
                 score(test.lpips_vgg, ""),
-                counted(record.protocol.test_views, "view"),
+                counted(record.counting_views(), "view"),
             ))?;
         }
         console.print(format_args!("train  PSNR {}", score(record.train.psnr, " dB")))?;

@@ -82,7 +82,7 @@ pub enum Error {
     #[error("{}: no view is held out", .0.display())]
     NothingHeldOut(PathBuf),
     /// The run to resume has another configuration.
-    #[error("{} holds a run with other options ({})", folder.display(), changes.join("; "))]
+    #[error("{} holds a run with other options or photos ({})", folder.display(), changes.join("; "))]
     OtherRun {
         folder: PathBuf,
         /// The keys of its `config.toml` that differ, with both values.

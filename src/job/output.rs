@@ -68,11 +68,8 @@ impl Output {
 }
 
 /// The same path from the root, for work in another folder.
-///
-/// # Errors
-/// [`Error::Read`] if there is no current folder.
-pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
-    std::path::absolute(path).map_err(|source| Error::Read { path: path.to_owned(), source })
+pub fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }
 
 /// Returns true if both paths lead to the same place on disk, however they are spelt.
@@ -81,13 +78,13 @@ pub fn same_place(a: &Path, b: &Path) -> bool {
     a == b || real(a).is_some_and(|a| Some(a) == real(b))
 }
 
-/// Makes a scene's path absolute, and that of its photo folder where this is not one within the scene.
-pub fn from_root(scene: &mut PathBuf, images: &mut Option<PathBuf>) -> Result<(), Error> {
-    *scene = absolute(scene)?;
-    if let Some(images) = images.as_mut().filter(|images| !scene.join(images).exists()) {
-        *images = absolute(images)?;
+/// Changes the paths of a scene, a folder or a file, and of its photos and depth maps, where these are not names within it.
+pub fn respell(scene: &mut PathBuf, folders: [&mut Option<PathBuf>; 2], spell: impl Fn(&Path) -> PathBuf) {
+    *scene = spell(scene);
+    let root = if scene.is_file() { scene.parent().unwrap_or(scene) } else { scene };
+    for folder in folders.into_iter().flatten().filter(|folder| !root.join(folder).exists()) {
+        *folder = spell(folder);
     }
-    Ok(())
 }
 
 /// Bytes of a model's file, or of all files in its folder; 0 if there is none.

@@ -66,13 +66,14 @@ impl Networks {
     }
 }
 
-/// The figures of one picture, or their means; `None` (null in JSON) for an undefined figure, explained in `notes`.
+/// The figures of one picture, or their means; `None` (null in JSON) for an undefined figure, explained in `notes`. All are
+/// `None` for a photo of which nothing counts.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scores {
     /// PSNR in dB; `None` if it is infinite.
     pub psnr: Option<f64>,
     /// Mean SSIM.
-    pub ssim: f64,
+    pub ssim: Option<f64>,
     /// LPIPS with VGG16, values fed unchanged in [0, 1], as the 3DGS papers report.
     pub lpips_vgg: Option<f64>,
     /// LPIPS with VGG16, values mapped to [-1, 1] as the network was calibrated.
@@ -82,6 +83,18 @@ pub struct Scores {
     /// Reasons for missing figures.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
+}
+
+impl Scores {
+    /// The figures of a photo of which nothing counts: none.
+    pub fn hidden() -> Self {
+        Self { notes: vec!["no score: masks hide all that is compared".to_owned()], ..Self::default() }
+    }
+
+    /// Returns true if something of the photo counts.
+    pub fn counts(&self) -> bool {
+        self.ssim.is_some()
+    }
 }
 
 /// All figures of `rendered` against `truth`, both after the 8-bit round trip.
@@ -110,7 +123,7 @@ pub fn evaluate(rendered: &Image<'_>, truth: &Image<'_>, networks: &Networks) ->
     };
     Ok(Scores {
         psnr,
-        ssim: ssim(&a, &b)?,
+        ssim: Some(ssim(&a, &b)?),
         lpips_vgg: lpips(networks.vgg.as_ref(), Range::Unit)?,
         lpips_vgg_normalized: lpips(networks.vgg.as_ref(), Range::Symmetric)?,
         lpips_alex: lpips(networks.alex.as_ref(), Range::Symmetric)?,
@@ -118,13 +131,18 @@ pub fn evaluate(rendered: &Image<'_>, truth: &Image<'_>, networks: &Networks) ->
     })
 }
 
-/// The means over views, or `None` without views; a figure that some views lack is the mean of the others, with a note.
+/// The means over the views of which something counts, or `None` without any; a figure that some of them lack is the mean of the
+/// others, with a note.
 pub fn mean(scores: &[Scores]) -> Option<Scores> {
-    if scores.is_empty() {
+    let counting: Vec<&Scores> = scores.iter().filter(|scores| scores.counts()).collect();
+    if counting.is_empty() {
         return None;
     }
-    let views = scores.len();
+    let (views, hidden) = (counting.len(), scores.len() - counting.len());
     let mut notes = Vec::new();
+    if hidden > 0 {
+        notes.push(format!("mean of {views} of {} views: masks hide the others", scores.len()));
+    }
     let mut over = |name: &str, values: Vec<Option<f64>>| {
         let present: Vec<f64> = values.into_iter().flatten().collect();
         if present.is_empty() {
@@ -135,14 +153,14 @@ pub fn mean(scores: &[Scores]) -> Option<Scores> {
         }
         Some(present.iter().sum::<f64>() / present.len() as f64)
     };
-    let each = |get: fn(&Scores) -> Option<f64>| scores.iter().map(get).collect::<Vec<_>>();
+    let each = |get: fn(&Scores) -> Option<f64>| counting.iter().map(|scores| get(scores)).collect::<Vec<_>>();
     let psnr = over("psnr", each(|s| s.psnr));
+    let ssim = over("ssim", each(|s| s.ssim));
     let lpips_vgg = over("lpips_vgg", each(|s| s.lpips_vgg));
     let lpips_vgg_normalized = over("lpips_vgg_normalized", each(|s| s.lpips_vgg_normalized));
     let lpips_alex = over("lpips_alex", each(|s| s.lpips_alex));
     if psnr.is_none() {
         notes.push("psnr: infinite, all images are identical".to_owned());
     }
-    let ssim = scores.iter().map(|s| s.ssim).sum::<f64>() / views as f64;
     Some(Scores { psnr, ssim, lpips_vgg, lpips_vgg_normalized, lpips_alex, notes })
 }

@@ -70,20 +70,21 @@ impl<'a> ActiveRun<'a> {
             pairs: pair_capacity::initial(session.device, gaussians),
         };
         let views = prepared.train.clone();
-        let (config_text, photos) = (config.written()?, prepared.names_to_train());
+        let (text, photos, contents) =
+            (config.written_in(output.folder())?, prepared.names_to_train(), prepared.contents()?);
         let (trainer, notes) = if let Start::Resumed(checkpoint) = start {
             let Checkpoint { snapshot, notes } = *checkpoint;
-            if let Some(change) = notes.other_photos(&photos) {
+            if let Some(change) = notes.other_photos(&photos, &contents) {
                 return Err(Error::OtherRun { folder: output.folder().to_owned(), changes: vec![change] });
             }
             let options = options(snapshot.model.len());
             let trainer = Trainer::resume(device, &snapshot, views, prepared.extent, options)?;
-            (trainer, RunNotes { config: config_text, photos, ..notes })
+            (trainer, RunNotes { config: text, photos, contents, ..notes })
         } else {
             let model = initialise(config, prepared, start)?;
             let initial = model.len();
             let trainer = Trainer::new(device, &model, views, prepared.extent, options(initial))?;
-            let none = RunNotes { config: config_text, initial, photos, ..RunNotes::default() };
+            let none = RunNotes { config: text, initial, photos, contents, ..RunNotes::default() };
             (trainer, none)
         };
         // Starts empty and grows on demand; runs in blocks never use it.

@@ -3,10 +3,11 @@
 
 use crate::job::Error;
 use crate::job::records::{CurvePoint, PruneRecord};
+use crate::scene::Names;
 use crate::train::checkpoint::{OWN_NOTES, Snapshot};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 /// The state of a run besides the trainer's.
@@ -24,6 +25,8 @@ pub struct RunNotes {
     pub initial: usize,
     /// Names of the training photos; none in checkpoints of earlier versions.
     pub photos: Vec<String>,
+    /// Checksum of each photo by name ([`super::prepare::Prepared::contents`]); none in checkpoints of earlier versions.
+    pub contents: BTreeMap<String, u32>,
 }
 
 impl RunNotes {
@@ -36,15 +39,21 @@ impl RunNotes {
             ("seconds", serde_json::to_string(&self.seconds)?),
             ("initial", serde_json::to_string(&self.initial)?),
             ("photos", serde_json::to_string(&self.photos)?),
+            ("contents", serde_json::to_string(&self.contents)?),
         ]
         .map(|(name, text)| (name.to_owned(), text))
         .into())
     }
 
-    /// The difference of the training photos from those of the run so far, if there is one: its state belongs to them.
-    pub fn other_photos(&self, names: &[String]) -> Option<String> {
+    /// The difference of the photos, those to train on and the contents of all, from those of the run so far, if there is one: its
+    /// state belongs to them.
+    pub fn other_photos(&self, names: &[String], contents: &BTreeMap<String, u32>) -> Option<String> {
         if self.photos.is_empty() || self.photos == names {
-            return None;
+            let other = |(name, sum): &(&String, &u32)| self.contents.get(*name).is_some_and(|before| before != *sum);
+            let mut changed = Names::default();
+            contents.iter().filter(other).for_each(|(name, _)| changed.add(name));
+            let what = "since then: the photo, its mask, depth map or camera";
+            return (changed.count > 0).then(|| format!("{changed} changed {what}"));
         }
         let only = |of: &[String], other: &[String]| of.iter().find(|name| !other.contains(name)).cloned();
         let (lost, new) = (only(&self.photos, names), only(names, &self.photos));
@@ -67,8 +76,9 @@ impl RunNotes {
             seconds: json("seconds", text("seconds")?)?,
             initial: json("initial", text("initial")?)?,
             photos: notes.get("photos").map_or(Ok(Vec::new()), |text| json("photos", text))?,
+            contents: notes.get("contents").map_or(Ok(BTreeMap::new()), |text| json("contents", text))?,
         };
-        let known = ["config", "curve", "prunes", "seconds", "initial", "photos"];
+        let known = ["config", "curve", "prunes", "seconds", "initial", "photos", "contents"];
         match notes.keys().find(|name| !known.contains(&name.as_str()) && !OWN_NOTES.contains(&name.as_str())) {
             Some(name) => Err(format!("the note '{name}' is unknown")),
             None => Ok(read),
@@ -146,11 +156,15 @@ mod tests {
     fn other_photos_are_named() {
         let names = |list: &[&str]| list.iter().map(|name| (*name).to_owned()).collect::<Vec<String>>();
         let notes = RunNotes { photos: names(&["a", "b"]), ..RunNotes::default() };
-        let told = |list: &[&str]| notes.other_photos(&names(list)).unwrap_or_default();
+        let sums = |a: u32, b: u32| BTreeMap::from([("a".to_owned(), a), ("b".to_owned(), b)]);
+        let told = |list: &[&str]| notes.other_photos(&names(list), &sums(1, 2)).unwrap_or_default();
         assert_eq!(told(&["a", "b"]), "");
         assert_eq!(told(&["a"]), "photos to train on were 2, are 1; b is missing");
         assert_eq!(told(&["a", "c"]), "photos to train on were 2, are 2; b is missing; c is new");
-        assert_eq!(RunNotes::default().other_photos(&names(&["a"])), None, "an earlier version's");
+        assert_eq!(RunNotes::default().other_photos(&names(&["a"]), &sums(1, 2)), None, "an earlier version's");
+        let notes = RunNotes { contents: sums(1, 2), ..notes };
+        assert_eq!(notes.other_photos(&notes.photos, &sums(1, 2)), None);
+        assert!(notes.other_photos(&notes.photos, &sums(1, 3)).unwrap().starts_with("b changed since"));
     }
 
     #[test]

@@ -3,14 +3,16 @@
 use super::depth_maps::{self, DepthMaps};
 use crate::effects::{DepthEvidence, Effect};
 use crate::gaussians::Gaussians;
-use crate::gaussians::formats::{self, RenderMode};
+use crate::gaussians::formats::{self, RenderMode, crc32};
 use crate::job::Error;
 use crate::job::config::Selection;
 use crate::job::watcher::Watcher;
 use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};
-use std::collections::HashSet;
+use crate::train;
+use rayon::prelude::*;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// A scene ready to train on.
@@ -41,6 +43,29 @@ impl Prepared {
         let held_out: HashSet<&str> = self.test.iter().map(|(name, _)| name.as_str()).collect();
         let names = self.scene.views.iter().map(|view| &view.name);
         names.filter(|name| !held_out.contains(name.as_str())).cloned().collect()
+    }
+
+    /// CRC-32 of each view by name: of the pixels with their alpha or mask, the depth map, and the camera in float32.
+    ///
+    /// # Errors
+    /// Photos that cannot be read.
+    pub fn contents(&self) -> Result<BTreeMap<String, u32>, Error> {
+        let named = self.names_to_train().into_iter().zip(&self.train);
+        let all: Vec<_> = named.chain(self.test.iter().map(|(name, photo)| (name.clone(), photo))).collect();
+        let sum = |(name, photo): (String, &Photo)| {
+            let pixels = photo.pixels.read().map_err(train::Error::Photos)?;
+            let depths = photo.depth.as_ref().map(|map| bytemuck::cast_slice(&map.depths)).unwrap_or_default();
+            let Camera { rotation, translation, focal, principal, .. } = &photo.camera;
+            let camera: Vec<f32> = rotation
+                .to_cols_array()
+                .into_iter()
+                .chain(translation.to_array())
+                .chain([focal.x, focal.y, principal.x, principal.y])
+                .map(|value| value as f32)
+                .collect();
+            Ok((name, crc32([&*pixels, depths, bytemuck::cast_slice(&camera)])))
+        };
+        all.into_par_iter().map(sum).collect()
     }
 
     /// The views of [`Opened::only`], those of these names held out.

@@ -91,14 +91,14 @@ impl<'a> Setup<'a> {
         let Start::Resumed(checkpoint) = start else {
             // Figures of an earlier run in this folder would mark this one as finished.
             let _ = std::fs::remove_file(output.metrics());
-            return Output::text(&output.config(), &self.config.written()?);
+            return Output::text(&output.config(), &self.config.written_in(output.folder())?);
         };
         let unreadable = |e: toml::de::Error| Error::Checkpoint {
             path: output.checkpoint(),
             what: format!("the note 'config' cannot be read: {e}"),
         };
         let earlier: RunConfig = toml::from_str(&checkpoint.notes.config).map_err(unreadable)?;
-        let changes = self.config.changes(&earlier);
+        let changes = self.config.changes(&earlier.read_in(output.folder()));
         if changes.is_empty() { Ok(()) } else { Err(Error::OtherRun { folder: output.folder().to_owned(), changes }) }
     }
 }

@@ -50,7 +50,7 @@ fn summary(record: &CompressRecord) -> Markup {
     let removed = input.gaussians.saturating_sub(output.gaussians);
     tiles(&[
         tile("PSNR", decibels(scores), stage.to_owned()),
-        tile("SSIM", decimals(scores.map(|s| s.ssim), 4), stage.to_owned()),
+        tile("SSIM", decimals(scores.and_then(|s| s.ssim), 4), stage.to_owned()),
         tile(
             "Gaussians",
             count(output.gaussians),

@@ -145,10 +145,15 @@ fn unusable(view: &View, skipped: &mut Skipped) -> Option<String> {
 }
 
 impl Scene {
-    /// Everything that is left out, with the views that [`Scene::require_photos`] would drop.
+    /// Everything that is left out, with the views that [`Scene::require_photos`] would drop, and those whose photo has no legible
+    /// header.
     pub fn left_out(&self) -> Skipped {
         let mut skipped = self.skipped.clone();
-        self.views.iter().for_each(|view| drop(unusable(view, &mut skipped)));
+        for view in &self.views {
+            if unusable(view, &mut skipped).is_none() && view.photo_size.is_none() {
+                skipped.damaged_images.add_photo(view);
+            }
+        }
         skipped
     }
 

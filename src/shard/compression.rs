@@ -4,7 +4,8 @@ use super::files::{Files, crc32_of_file};
 use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::{Gaussians, formats};
 use crate::job::Error;
-use crate::job::output::{absolute, bytes_on_disk, from_root};
+use crate::job::Selection;
+use crate::job::output::{absolute, bytes_on_disk, respell};
 use crate::job::records::{ModelFile, PruneRecord, StageScores, ViewStages};
 use crate::job::session::Session;
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
@@ -65,7 +66,8 @@ impl CompressPlan {
         }
         let mut config = config;
         if let ViewSource::Photos(selection) = &mut config.views {
-            from_root(&mut selection.scene, &mut selection.images)?;
+            let Selection { scene, images, depth, .. } = selection;
+            respell(scene, [images, depth], absolute);
         }
         let stages::Census { chunks, test_views, photos, background, protocol } =
             stages::census(session, model, &config)?;
@@ -73,7 +75,7 @@ impl CompressPlan {
             // Tasks decode only a few photos, but the background depends on all of them.
             selection.background = Some(background);
         }
-        let path = absolute(path)?;
+        let path = absolute(path);
         Ok(Self {
             model_crc32: crc32_of_file(&path)?,
             model: path,

@@ -109,11 +109,11 @@ fn hard_images() {
                 let (a, b) = (Image::new(width, height, a).unwrap(), Image::new(width, height, b).unwrap());
                 let scores = metrics::evaluate(&a, &b, &networks).unwrap();
                 let lpips = [scores.lpips_vgg, scores.lpips_vgg_normalized, scores.lpips_alex];
-                let figures = [scores.psnr, Some(scores.ssim)].into_iter().chain(lpips).flatten();
+                let figures = [scores.psnr, scores.ssim].into_iter().chain(lpips).flatten();
                 assert!(figures.into_iter().all(f64::is_finite), "{width} x {height}, {i} {j}: {scores:?}");
-                assert!((-1.0..=1.0 + 1e-12).contains(&scores.ssim));
+                assert!((-1.0..=1.0 + 1e-12).contains(&scores.ssim.unwrap()));
                 if i == j {
-                    assert_eq!((scores.psnr, scores.ssim), (None, 1.0));
+                    assert_eq!((scores.psnr, scores.ssim), (None, Some(1.0)));
                     assert!(lpips.into_iter().flatten().all(|v| v == 0.0));
                     assert!(scores.notes[0].contains("identical"));
                 }
@@ -146,10 +146,16 @@ fn scores_as_json() {
     assert_eq!(serde_json::from_value::<Scores>(json).unwrap(), same);
 
     let view = |psnr, ssim, lpips_vgg| Scores { psnr, ssim, lpips_vgg, ..Default::default() };
-    let mean = metrics::mean(&[view(Some(20.0), 0.5, Some(0.1)), view(None, 1.0, Some(0.3))]).unwrap();
-    assert_eq!((mean.psnr, mean.ssim, mean.lpips_vgg, mean.lpips_alex), (Some(20.0), 0.75, Some(0.2), None));
+    let mean = metrics::mean(&[view(Some(20.0), Some(0.5), Some(0.1)), view(None, Some(1.0), Some(0.3))]).unwrap();
+    assert_eq!((mean.psnr, mean.ssim, mean.lpips_vgg, mean.lpips_alex), (Some(20.0), Some(0.75), Some(0.2), None));
     assert_eq!(mean.notes, ["psnr: mean of 1 of 2 views; it does not exist for the others"]);
     assert!(metrics::mean(&[]).is_none());
+    // A photo that masks hide counts in no mean.
+    let scores = [view(Some(20.0), Some(0.5), None), Scores::hidden(), view(None, Some(1.0), None)];
+    let mean = metrics::mean(&scores).unwrap();
+    assert_eq!((mean.psnr, mean.ssim), (Some(20.0), Some(0.75)));
+    assert_eq!(mean.notes[0], "mean of 2 of 3 views: masks hide the others");
+    assert!(metrics::mean(&scores[1..2]).is_none());
     assert!(Networks::default().note().unwrap().contains("no VGG16 weights"));
 }
 

@@ -24,7 +24,7 @@ use std::path::Path;
 const EVIL: &str = "a<b>&\"'</script><script>alert(1)</script>/é.png";
 
 fn view(name: &str, psnr: Option<f64>) -> ViewScores {
-    let scores = Scores { psnr, ssim: 0.9, lpips_vgg: Some(0.1), ..Scores::default() };
+    let scores = Scores { psnr, ssim: Some(0.9), lpips_vgg: Some(0.1), ..Scores::default() };
     ViewScores { name: name.to_owned(), scores }
 }
 
@@ -116,7 +116,7 @@ fn rich() -> RunRecord {
             seed: Some(1),
         },
         gaussians: Counts { initial: Some(900), dense: Some(5000), last: 1400 },
-        test: Some(Scores { psnr: Some(25.0), ssim: 0.9, lpips_vgg: Some(0.1), ..Scores::default() }),
+        test: Some(Scores { psnr: Some(25.0), ssim: Some(0.9), lpips_vgg: Some(0.1), ..Scores::default() }),
         unfitted_psnr: None,
         train: TrainScores { psnr: Some(26.0) },
         views: names.iter().map(|n| view(n, Some(25.0))).collect(),

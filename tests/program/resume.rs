@@ -104,6 +104,32 @@ fn other_options_and_damaged_checkpoints_are_refused() {
     end(&mut command(&folder.path().join("nowhere"), &folder.path().join("new"), &[])).with(3, &[]);
 }
 
+/// Half of a run on one photo, and half on another under its name, reproduces nothing.
+#[test]
+fn photos_that_changed_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let out = folder.path().join("out");
+    end(command(&scene, &out, &[]).env("QIRF_DEVICE_FAULT", "wait:120:lost")).with(4, &[]);
+    let refused = |name: &str| says(&mut command(&scene, &out, &["--resume"]), 2, &[name, "changed since then"]);
+    for name in ["view_0003.png", "view_0008.png"] {
+        let photo = scene.join("images").join(name);
+        let before = std::fs::read(&photo).unwrap();
+        let mut changed = image::open(&photo).unwrap().into_rgb8();
+        changed.get_pixel_mut(7, 5).0[1] ^= 64;
+        changed.save(&photo).unwrap();
+        refused(name);
+        std::fs::write(&photo, before).unwrap();
+    }
+    std::fs::create_dir(scene.join("masks")).unwrap();
+    let mut mask = image::GrayImage::from_pixel(48, 36, image::Luma([255]));
+    mask.get_pixel_mut(9, 9).0[0] = 0;
+    mask.save(scene.join("masks/view_0002.png")).unwrap();
+    refused("view_0002.png");
+    std::fs::remove_dir_all(scene.join("masks")).unwrap();
+    works(&mut command(&scene, &out, &["--resume"]));
+}
+
 fn says(command: &mut Command, code: i32, parts: &[&str]) {
     end(command).with(code, parts);
 }

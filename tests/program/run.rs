@@ -67,6 +67,54 @@ fn a_run_leaves_what_reproduces_it() {
     assert!(log.iter().all(|line| line.loss.is_some() && line.rates.means > 0.0 && line.device_bytes > 0));
 }
 
+/// Hides all of a photo by a mask.
+fn hide(scene: &Path, photo: &str) {
+    std::fs::create_dir_all(scene.join("masks")).unwrap();
+    image::GrayImage::new(48, 36).save(scene.join("masks").join(photo)).unwrap();
+}
+
+/// Nothing of such a photo is scored, and equal backgrounds are no success.
+#[test]
+fn photos_hidden_by_masks_have_no_score() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    hide(&scene, "view_0000.png");
+    let out = folder.path().join("out");
+    let told = works(&mut command(&scene, &out, &[]));
+    assert!(told.said.contains("1 of 2 held-out views have no score"), "{}", told.said);
+    assert!(told.said.contains("8 photos without a mask, used as a whole (view_0001.png, "), "{}", told.said);
+    let run = metrics(&out);
+    let views = run["views"].as_array().unwrap();
+    assert!(views[0]["psnr"].is_null() && views[0]["ssim"].is_null() && views[1]["ssim"].as_f64() < Some(0.99));
+    assert_eq!((&run["test"]["psnr"], &run["test"]["ssim"]), (&views[1]["psnr"], &views[1]["ssim"]));
+    let last = &run["curve"].as_array().unwrap().last().unwrap()["psnr"];
+    assert_eq!((last, &run["camera_errors"]["views"]), (&views[1]["psnr"], &1.into()));
+    let model = out.join("model.ply");
+    let table = eval(&[model.as_ref(), scene.as_ref()]).with(0, &["1 of 2 held-out"]).out;
+    assert!(table.contains("hidden") && table.contains("mean of 1 "), "{table}");
+
+    // A training photo counts in no mean, either; and if all are hidden, there is none.
+    hide(&scene, "view_0003.png");
+    hide(&scene, "view_0008.png");
+    let all = eval(&["--json".as_ref(), model.as_ref(), scene.as_ref()]).json();
+    assert!(all["test"].is_null() && all["camera_errors"].is_null() && all["train"]["psnr"].as_f64() > Some(5.0));
+}
+
+/// A run's paths hold from any folder, and a relative scene is none of the same name elsewhere.
+#[test]
+fn a_configuration_can_be_used_from_another_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let [here, there] = ["here", "there"].map(|name| folder.path().join(name));
+    for place in [&here, &there] {
+        std::fs::create_dir(place).unwrap();
+        capture(place, if place == &here { 400 } else { 100 });
+    }
+    let run = |arguments: &[&str], place: &Path| drop(works(qirf(["run"]).args(arguments).current_dir(place)));
+    run(&["scene", "-o", "out", "--iterations", "20", "--no-report"], &here);
+    run(&["--config", "../here/out/config.toml", "-o", "out", "--no-report"], &there);
+    assert_eq!(model(&here.join("out")), model(&there.join("out")));
+}
+
 fn eval(arguments: &[&OsStr]) -> Ended {
     end(qirf(["eval"]).args(arguments))
 }

@@ -1,6 +1,6 @@
 //! Writes files completely or not at all, and never over the input.
 
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -68,21 +68,39 @@ pub fn write_atomically(path: &Path, body: impl FnOnce(&mut dyn Write) -> io::Re
     attempt().map_err(|source| Error::Io { path: path.to_owned(), source })
 }
 
+/// Refuses a `path` that [`write_atomically`] could not write, before any work is done for it.
+///
+/// # Errors
+/// [`Error::Io`] for a folder that is absent or not writable, or a name that the system does not allow.
+pub fn check_place(path: &Path) -> Result<(), Error> {
+    let attempt = || match fs::symlink_metadata(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => create_beside(path).and_then(|(temporary, _)| fs::remove_file(temporary)),
+    };
+    attempt().map_err(|source| Error::Io { path: path.to_owned(), source })
+}
+
 /// End of a temporary file's name, after a dot, the file's own name, the writer's process and a number.
 const TEMPORARY: &str = ".tmp";
 
-fn hidden_prefix(name: &OsStr) -> OsString {
-    let mut hidden = OsString::from(".");
-    hidden.push(name);
-    hidden.push(".");
-    hidden
+/// Longest name in bytes that a temporary file repeats whole: systems allow 255 in all, process, number and end included.
+const REPEATED: usize = 200;
+
+/// Begin of a temporary file's name. A longer name is cut, and its checksum tells it from others.
+fn hidden_prefix(name: &OsStr) -> String {
+    let name = name.to_string_lossy();
+    if name.len() <= REPEATED {
+        return format!(".{name}.");
+    }
+    let begin: String = name.chars().take(REPEATED / 4).collect();
+    format!(".{begin}~{:08x}.", crc32([name.as_bytes()]))
 }
 
 /// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed. No other
 /// writer of `path` may be running.
 pub fn remove_leftovers(path: &Path) {
     let (Some(name), Some(folder)) = (path.file_name(), path.parent()) else { return };
-    let prefix = hidden_prefix(name).to_string_lossy().into_owned();
+    let prefix = hidden_prefix(name);
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let found = entry.file_name();
         let found = found.to_string_lossy();
@@ -99,9 +117,8 @@ fn create_beside(path: &Path) -> io::Result<(PathBuf, File)> {
     let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
     let mut attempt = 0u32;
     loop {
-        let mut hidden = hidden_prefix(name);
-        hidden.push(format!("{}-{attempt}{TEMPORARY}", std::process::id()));
-        let temporary = path.with_file_name(hidden);
+        let temporary =
+            path.with_file_name(format!("{}{}-{attempt}{TEMPORARY}", hidden_prefix(name), std::process::id()));
         match OpenOptions::new().write(true).create_new(true).open(&temporary) {
             Ok(file) => return Ok((temporary, file)),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists && attempt < 1000 => attempt += 1,
@@ -152,6 +169,23 @@ mod tests {
         remove_leftovers(&folder.path().join("a.ply"));
         let left: Vec<bool> = names.iter().map(|name| folder.path().join(name).exists()).collect();
         assert_eq!(left, [false, false, true, true, true, true]);
+    }
+
+    #[test]
+    fn a_name_may_be_as_long_as_the_system_allows() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(format!("{}.ply", "\u{e9}".repeat(125)));
+        write_atomically(&path, |out| out.write_all(b"whole")).unwrap();
+        let (left, _) = create_beside(&path).unwrap();
+        remove_leftovers(&path.with_extension("spz"));
+        assert!(left.exists(), "another file's");
+        remove_leftovers(&path);
+        assert!(!left.exists() && fs::read(&path).unwrap() == b"whole");
+        assert!(check_place(&path).is_ok() && check_place(&path.with_extension("spz")).is_ok());
+        for wrong in [path.with_extension("longer.ply"), folder.path().join("none/a.ply"), path.join("a.ply")] {
+            assert!(check_place(&wrong).is_err(), "{}", wrong.display());
+        }
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]

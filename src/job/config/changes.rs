@@ -18,10 +18,8 @@ impl RunConfig {
             checkpoint_every: earlier.checkpoint_every,
             tuning: earlier.tuning.clone(),
             scene: respelt(&self.scene, &earlier.scene),
-            images: match (&self.images, &earlier.images) {
-                (Some(ours), Some(theirs)) => Some(respelt(ours, theirs)),
-                (ours, _) => ours.clone(),
-            },
+            images: respelt_if(self.images.as_ref(), earlier.images.as_ref()),
+            depth: respelt_if(self.depth.as_ref(), earlier.depth.as_ref()),
             init: match (&self.init, &earlier.init) {
                 (Init::Model(ours), Init::Model(theirs)) => Init::Model(respelt(ours, theirs)),
                 (ours, _) => ours.clone(),
@@ -69,6 +67,11 @@ impl RunConfig {
         };
         ours.changes(earlier)
     }
+}
+
+fn respelt_if(ours: Option<&PathBuf>, theirs: Option<&PathBuf>) -> Option<PathBuf> {
+    let ours = ours?;
+    Some(theirs.map_or_else(|| ours.clone(), |theirs| respelt(ours, theirs)))
 }
 
 /// `theirs` if both are the same place on disk, else `ours`: places are compared, and not their spelling.

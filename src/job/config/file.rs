@@ -3,6 +3,7 @@
 use super::ranges;
 use super::run::RunConfig;
 use crate::job::Error;
+use crate::job::output::absolute;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -67,13 +68,39 @@ fn told(error: &toml::de::Error) -> String {
 }
 
 impl RunConfig {
-    /// Reads a `config.toml`.
+    /// Reads a `config.toml`. Its relative paths are relative to its folder; where nothing is there, as in files of earlier
+    /// versions, to the current one.
     ///
     /// # Errors
     /// [`Error::Read`]; [`Error::Usage`] with the file and the line or the field that is wrong.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
-        Self::parse(&text).map_err(|what| Error::Usage(format!("{}: {what}", path.display())))
+        let config = Self::parse(&text).map_err(|what| Error::Usage(format!("{}: {what}", path.display())))?;
+        Ok(config.read_in(path.parent().unwrap_or(path)))
+    }
+
+    /// The configuration whose text was that of a file in `folder`.
+    #[must_use]
+    pub fn read_in(mut self, folder: &Path) -> Self {
+        self.respell(|path| {
+            Some(folder.join(path)).filter(|beside| beside.exists()).unwrap_or_else(|| path.to_owned())
+        });
+        self
+    }
+
+    /// The text of a `config.toml` in `folder`: paths below it are relative, so that it can be moved, and others absolute.
+    ///
+    /// # Errors
+    /// As of [`RunConfig::written`].
+    pub fn written_in(&self, folder: &Path) -> Result<String, Error> {
+        let (mut config, folder) = (self.clone(), absolute(folder));
+        // TOML is UTF-8, and the current folder's name may not be.
+        config.respell(|path| Some(absolute(path)).filter(|p| p.to_str().is_some()).unwrap_or_else(|| path.to_owned()));
+        let below = |path: &Path| {
+            path.strip_prefix(&folder).ok().filter(|path| !path.as_os_str().is_empty()).map(Path::to_owned)
+        };
+        config.respell(|path| below(path).unwrap_or_else(|| path.to_owned()));
+        config.written()
     }
 
     /// The same run with other values for some fields, named and written as in `config.toml`.
@@ -107,7 +134,7 @@ mod tests {
     use super::*;
     use crate::effects::Overrides;
     use crate::gpu::{DeviceClass, Tuning};
-    use crate::job::config::{MethodConfig, Preset};
+    use crate::job::config::{Init, MethodConfig, Preset};
     use crate::render::Style;
 
     fn config() -> RunConfig {
@@ -142,6 +169,33 @@ mod tests {
         assert_eq!(keys.lines().collect::<Vec<_>>(), expected);
         assert_eq!(check_keys(&text), Ok(()));
         assert_eq!(toml::from_str::<RunConfig>(&text).unwrap(), config());
+    }
+
+    #[test]
+    fn paths_mean_the_same_wherever_the_file_is_read_from() {
+        let folder = tempfile::tempdir().unwrap();
+        let [out, moved, scene] = ["out", "moved", "scene"].map(|name| folder.path().join(name));
+        for photos in [&scene, &out.join("scene")] {
+            std::fs::create_dir_all(photos.join("images_2")).unwrap();
+        }
+        let (images, depth) = (Some("images_2".into()), Some(folder.path().join("depth")));
+        let outside =
+            RunConfig { scene: scene.clone(), images, depth, init: Init::Model(out.join("a.ply")), ..config() };
+        let text = outside.written_in(&out).unwrap();
+        assert!(text.contains("images = \"images_2\"") && text.contains("model = \"a.ply\""), "{text}");
+        std::fs::write(out.join("a.ply"), "").unwrap();
+        std::fs::write(out.join("config.toml"), text).unwrap();
+        assert_eq!(RunConfig::read(&out.join("config.toml")).unwrap(), outside);
+        // What lies in the folder moves with it.
+        let inside = RunConfig { scene: out.join("scene"), ..config() };
+        std::fs::write(out.join("config.toml"), inside.written_in(&out).unwrap()).unwrap();
+        std::fs::rename(&out, &moved).unwrap();
+        assert_eq!(RunConfig::read(&moved.join("config.toml")).unwrap().scene, moved.join("scene"));
+        // Files of earlier versions are relative to the folder in which the program ran.
+        assert_eq!(config().read_in(&moved).scene, config().scene);
+        let text = config().written_in(&moved).unwrap();
+        let written: RunConfig = toml::from_str(&text).unwrap();
+        assert!(written.scene.is_absolute() && written.scene.ends_with("capture"), "{text}");
     }
 
     #[test]

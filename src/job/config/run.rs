@@ -5,12 +5,13 @@ use super::pruning::Pruning;
 use crate::effects::{Choice, Effect, Overrides};
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::gpu::Tuning;
+use crate::job::output::respell;
 use crate::qirf::select::budget::Keep;
 use crate::render::Style;
 use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A preset of the schedule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -225,6 +226,14 @@ impl RunConfig {
         }
         self.prune = Some(pruning);
         self
+    }
+
+    /// Changes the paths of the scene, of its photos and depth maps where these are not names within it, and of an initial model.
+    pub fn respell(&mut self, spell: impl Fn(&Path) -> PathBuf) {
+        if let Init::Model(path) = &mut self.init {
+            *path = spell(path);
+        }
+        respell(&mut self.scene, [&mut self.images, &mut self.depth], spell);
     }
 
     /// The pictures of the run.

@@ -59,13 +59,14 @@ pub struct AttributeLoss {
 impl CurveRecord {
     /// The files as comma-separated values, with a line of titles.
     pub fn csv(&self) -> String {
-        let number = |v: Option<f64>| v.map_or_else(String::new, |v| format!("{v:.4}"));
+        let number = |v: Option<f64>, places: usize| v.map_or_else(String::new, |v| format!("{v:.places$}"));
         let mut lines = vec!["tool,format,wanted_bytes,bytes,gaussians,psnr_db,ssim,lpips_vgg".to_owned()];
         lines.extend(self.files.iter().map(|file| {
             let FileRecord { tool, format, wanted, bytes, gaussians, scores, .. } = file;
             let wanted = wanted.map_or_else(String::new, |w| w.to_string());
-            let (psnr, lpips) = (number(scores.psnr), number(scores.lpips_vgg));
-            format!("{tool},{format},{wanted},{bytes},{gaussians},{psnr},{:.5},{lpips}", scores.ssim)
+            let [psnr, lpips] = [scores.psnr, scores.lpips_vgg].map(|v| number(v, 4));
+            let ssim = number(scores.ssim, 5);
+            format!("{tool},{format},{wanted},{bytes},{gaussians},{psnr},{ssim},{lpips}")
         }));
         lines.join("\n") + "\n"
     }

@@ -24,7 +24,7 @@ pub struct RunRecord {
     pub protocol: Protocol,
     /// Numbers of Gaussians.
     pub gaussians: Counts,
-    /// Mean scores of the held-out views; null without any.
+    /// Mean scores of the held-out views of which something counts; null without any.
     pub test: Option<Scores>,
     /// Mean PSNR of the whole held-out views as rendered, without fitted exposures, in dB; null if
     /// `test` has it already.
@@ -137,6 +137,11 @@ pub struct CurvePoint {
 const PAST: f64 = 0.1;
 
 impl RunRecord {
+    /// Number of held-out views of which something counts: the means are theirs.
+    pub fn counting_views(&self) -> usize {
+        self.views.iter().filter(|view| view.scores.counts()).count()
+    }
+
     /// The best point of the quality curve with no more Gaussians than at the end, if the run ended well below it:
     /// training longer was a loss.
     pub fn past_best(&self) -> Option<&CurvePoint> {

@@ -111,7 +111,7 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     let output = arm_output(folder, &arm.name)?;
     let gaussians = fork.snapshot.model.len();
     let config = arm.configuration(&setup.config, gaussians);
-    let (config_text, file) = (config.written()?, output.folder().join("arm.json"));
+    let (config_text, file) = (config.written_in(output.folder())?, output.folder().join("arm.json"));
     if resume && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text) {
         // An unreadable result is computed again.
         let read = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str(&text).ok());
@@ -150,7 +150,7 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
         psnr: test.and_then(|t| t.psnr),
         psnr_spread: None,
         psnr_by_seed: Vec::new(),
-        ssim: test.map(|t| t.ssim),
+        ssim: test.and_then(|t| t.ssim),
         lpips_vgg: test.and_then(|t| t.lpips_vgg),
         gaussians: run.gaussians.last,
         removed: 1.0 - run.gaussians.last as f64 / before.max(1) as f64,

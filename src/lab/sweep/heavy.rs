@@ -125,7 +125,7 @@ fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> RungReco
     let mut rung = RungRecord::new(axis, name).timed(&once(Some(seconds)), 1.0);
     let test = results.test.as_ref();
     rung.accuracy = test.and_then(|t| t.psnr);
-    rung.figures.insert("ssim", test.map_or(f64::NAN, |t| t.ssim));
+    rung.figures.insert("ssim", test.and_then(|t| t.ssim).unwrap_or(f64::NAN));
     rung.figures.insert("lpips_vgg", test.and_then(|t| t.lpips_vgg).unwrap_or(f64::NAN));
     rung.figures.insert("gaussians", results.gaussians.last as f64);
     rung.figures.insert("train_s", results.time.train_s);

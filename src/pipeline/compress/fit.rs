@@ -11,7 +11,7 @@ use crate::job::records::{Aim, AimRecord, Truth};
 use crate::job::session::Session;
 use crate::pipeline::budget;
 use crate::pipeline::draw_source::DrawSource;
-use crate::pipeline::evaluate::Evaluator;
+use crate::pipeline::evaluate::{Evaluator, mean};
 use crate::pipeline::prune::{self, PrunePlan};
 use crate::pipeline::virtual_views::photo;
 use crate::qirf::pairs::Sequence;
@@ -73,7 +73,7 @@ impl<'a> Judge<'a> {
         let shown = DrawSource::new(self.session, &model, place.whole)?;
         let mut evaluator = Evaluator::of(self.session.device, settings, shown.source(), self.photos.iter())?;
         let each = evaluator.psnr(shown.source(), self.photos.iter())?;
-        Ok(each.iter().sum::<f64>() / each.len().max(1) as f64)
+        Ok(mean(&each).unwrap_or(f64::INFINITY))
     }
 }
 

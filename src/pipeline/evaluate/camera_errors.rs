@@ -1,8 +1,8 @@
 //! Errors of held-out photos' cameras: each camera is moved until the model's picture fits half of the photo best, and the
 //! other half is scored before and after. The model is the witness: no point or track is needed.
 
-use super::camera_fit::{CameraFit, SIDE};
-use super::evaluator::truth;
+use super::camera_fit::{CameraFit, SIDE, is_fitted};
+use super::evaluator::{counts, truth};
 use crate::gaussians::Gaussians;
 use crate::job::records::CameraErrors;
 use crate::job::{Error, Session};
@@ -23,7 +23,12 @@ pub fn camera_errors(
     (settings, fits_exposure): (Settings, bool),
 ) -> Result<Option<CameraErrors>, Error> {
     let wide = |photo: &&Photo| photo.camera.width.max(photo.camera.height) > SIDE as u32;
-    let wide: Vec<&Photo> = photos.iter().copied().filter(wide).collect();
+    let mut wide: Vec<&Photo> = photos.iter().copied().filter(wide).collect();
+    // Something must count both where cameras are fitted and where they are scored.
+    let both = |photo: &Photo| Ok(counts(photo, is_fitted)? && counts(photo, |x, y| !is_fitted(x, y))?);
+    let usable = wide.iter().map(|photo| both(photo)).collect::<Result<Vec<bool>, Error>>()?;
+    let mut usable = usable.into_iter();
+    wide.retain(|_| usable.next().unwrap_or(false));
     let count = wide.len().min(VIEWS);
     if count == 0 || model.is_empty() {
         return Ok(None);

@@ -178,8 +178,8 @@ impl CameraFit<'_> {
     }
 }
 
-/// Returns true for pixels of the squares that are fitted.
-fn is_fitted(x: usize, y: usize) -> bool {
+/// Returns true for pixels of the squares that are fitted; the others are scored.
+pub fn is_fitted(x: usize, y: usize) -> bool {
     (x / SIDE + y / SIDE).is_multiple_of(2)
 }
 

@@ -10,7 +10,7 @@ use crate::metrics::{self, Networks, Scores};
 use crate::pipeline::pair_capacity;
 use crate::pipeline::prepare::Prepared;
 use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
-use crate::scene::{AlphaRole, Photo, camera};
+use crate::scene::{AlphaRole, Names, Photo, camera};
 use crate::train;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -50,6 +50,15 @@ pub fn hide(rendered: &mut [f32], view: &Photo, background: [f32; 3]) -> Result<
     Ok(())
 }
 
+/// Returns true if something of a photo's pixels in these columns and rows counts: masks hide the rest.
+pub fn counts(view: &Photo, compared: impl Fn(usize, usize) -> bool) -> Result<bool, Error> {
+    if view.alpha_role != AlphaRole::Mask {
+        return Ok(true);
+    }
+    let (bytes, width) = (view.pixels.read().map_err(train::Error::Photos)?, view.camera.width as usize);
+    Ok(bytes.chunks_exact(4).enumerate().any(|(n, p)| p[3] > 0 && compared(n % width, n / width)))
+}
+
 /// Red, green, blue of a rendered picture, clamped to [0, 1].
 pub fn rgb(image: &Image) -> Vec<f32> {
     image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| v.clamp(0.0, 1.0))).collect()
@@ -65,13 +74,22 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
-    /// Mean scores; none without views.
+    /// Mean scores; none without views that count.
     pub fn mean(&self) -> Option<Scores> {
         metrics::mean(&self.views.iter().map(|v| v.scores.clone()).collect::<Vec<_>>())
     }
 
-    /// Reports views that rendered empty.
+    /// Reports views that rendered empty, and those without a score.
     pub fn warn(&self, watcher: &dyn Watcher) {
+        let mut hidden = Names::default();
+        self.views.iter().filter(|view| !view.scores.counts()).for_each(|view| hidden.add(&view.name));
+        if hidden.count > 0 {
+            let all = self.views.len();
+            watcher.note(&format!(
+                "{} of {all} held-out views have no score, because masks hide them: {hidden}",
+                hidden.count
+            ));
+        }
         if self.empty > 0 {
             let n = self.empty;
             watcher.note(&format!("{n} held-out views rendered empty: check the poses and the scene's scale"));
@@ -96,29 +114,32 @@ struct Comparison {
 }
 
 impl Comparison {
-    /// A rendered view and its photo, as they are compared.
-    fn pair(self, image: &Image, view: &Photo) -> Result<Compared, Error> {
+    /// A rendered view and its photo, as they are compared; none if nothing of them counts.
+    fn pair(self, image: &Image, view: &Photo) -> Result<Option<Compared>, Error> {
+        if !counts(view, |x, _| !self.fits_exposure || x >= view.camera.width as usize / 2)? {
+            return Ok(None);
+        }
         let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);
         hide(&mut rendered, view, self.background)?;
         let (w, h) = (image.width as usize, image.height as usize);
         if !self.fits_exposure {
-            return Ok(([w, h], rendered, photo));
+            return Ok(Some(([w, h], rendered, photo)));
         }
         let (half, rendered) = right_half(&exposed(&rendered, &photo, w), w);
-        Ok(([half, h], rendered, right_half(&photo, w).1))
+        Ok(Some(([half, h], rendered, right_half(&photo, w).1)))
     }
 
     fn score(self, image: &Image, view: &Photo, networks: &Networks) -> Result<Scores, Error> {
-        let ([w, h], rendered, photo) = self.pair(image, view)?;
+        let Some(([w, h], rendered, photo)) = self.pair(image, view)? else { return Ok(Scores::hidden()) };
         let rendered = metrics::Image::new(w, h, &rendered)?;
         let photo = metrics::Image::new(w, h, &photo)?;
         Ok(metrics::evaluate(&rendered, &photo, networks)?)
     }
 
-    fn psnr(self, image: &Image, view: &Photo) -> Result<f64, Error> {
-        let ([w, h], rendered, photo) = self.pair(image, view)?;
+    fn psnr(self, image: &Image, view: &Photo) -> Result<Option<f64>, Error> {
+        let Some(([w, h], rendered, photo)) = self.pair(image, view)? else { return Ok(None) };
         let (rendered, photo) = (metrics::round_trip_8bit(&rendered), metrics::round_trip_8bit(&photo));
-        Ok(metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?)
+        Ok(Some(metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?))
     }
 }
 
@@ -225,7 +246,7 @@ impl Evaluator {
         Ok(answers)
     }
 
-    /// PSNR of each view in dB, without pictures or networks.
+    /// PSNR in dB of each view of which something counts, without pictures or networks.
     pub fn psnr<'a, 'm>(
         &mut self,
         model: impl Into<Source<'m>>,
@@ -233,7 +254,8 @@ impl Evaluator {
     ) -> Result<Vec<f64>, Error> {
         let model = model.into();
         let (views, comparison): (Vec<&Photo>, _) = (views.collect(), self.comparison);
-        self.each(model, &views, &|i, image| comparison.psnr(image, views[i]), &mut |_| Ok(()))
+        let each = self.each(model, &views, &|i, image| comparison.psnr(image, views[i]), &mut |_| Ok(()))?;
+        Ok(each.into_iter().flatten().collect())
     }
 
     /// PSNR of each whole view as rendered, without fitted exposures; of none if exposures are not fitted.

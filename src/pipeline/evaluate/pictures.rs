@@ -9,6 +9,9 @@ use std::collections::HashSet;
 use std::io;
 use std::path::{Component, Path, PathBuf};
 
+/// Longest name of a picture in bytes, without its extension.
+const LONGEST: usize = 220;
+
 /// File formats of pictures.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
@@ -50,7 +53,8 @@ pub fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<P
                     ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "exr", "npy", "ppm"].contains(&e.as_str())
                 })
             };
-            let stem = if is_picture(&safe) { safe.with_extension("") } else { safe.clone() };
+            let mut stem = if is_picture(&safe) { safe.with_extension("") } else { safe.clone() };
+            [&mut stem, &mut safe].into_iter().for_each(shorten);
             let with = |stem: &Path, more: &str| {
                 let mut name = stem.as_os_str().to_owned();
                 name.push(more);
@@ -69,6 +73,15 @@ pub fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<P
             path
         })
         .collect()
+}
+
+/// Cuts a file's name that leaves no room for a longer extension and a number: systems allow 255 bytes.
+fn shorten(path: &mut PathBuf) {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if name.len() > LONGEST {
+        let fits = name.char_indices().take_while(|(at, c)| at + c.len_utf8() <= LONGEST);
+        path.set_file_name(fits.map(|(_, c)| c).collect::<String>());
+    }
 }
 
 /// Writes one picture; with `transparent` a PNG keeps alpha, and its colours are divided by it.
@@ -133,5 +146,9 @@ mod tests {
             "picture.png",
         ];
         assert_eq!(names(views.into_iter(), "png"), expected.map(PathBuf::from));
+        let long = ["x", "y"].map(|end| format!("a/{}{end}.jpg", "\u{e9}".repeat(124)));
+        let cut = names(long.iter().map(String::as_str), "png");
+        assert_eq!(cut[0], PathBuf::from(format!("a/{}.png", "\u{e9}".repeat(110))));
+        assert_eq!(cut[1], PathBuf::from(format!("a/{}-2.png", "\u{e9}".repeat(110))));
     }
 }

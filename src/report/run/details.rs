@@ -18,14 +18,15 @@ pub fn views(results: &RunRecord) -> Markup {
     let lpips: Vec<usize> = (0..networks.len()).filter(known).collect();
     let row = |name: String, scores: &Scores| -> Vec<String> {
         // The PSNR of equal pictures is infinite.
-        let psnr = scores.psnr.map_or("∞".to_owned(), |v| decimals(v, 2));
+        let equal = scores.psnr.is_none() && scores.counts();
+        let psnr = if equal { "∞".to_owned() } else { decimals(scores.psnr, 2) };
         let others = lpips.iter().map(|k| decimals(distances(scores)[*k], 4));
         [name, psnr, decimals(scores.ssim, 4)].into_iter().chain(others).collect()
     };
     let mut columns = vec![Column::Text("view"), Column::Number("PSNR / dB"), Column::Number("SSIM")];
     columns.extend(lpips.iter().map(|k| Column::Number(networks[*k])));
     let rows: Vec<Vec<String>> = results.views.iter().map(|v| row(v.name.clone(), &v.scores)).collect();
-    let mean = results.test.as_ref().map(|t| row(format!("mean of {}", rows.len()), t));
+    let mean = results.test.as_ref().map(|t| row(format!("mean of {}", results.counting_views()), t));
     let notes = results.test.iter().flat_map(|t| &t.notes);
     html! {
         (table(&columns, &rows, mean.as_deref()))

@@ -39,6 +39,9 @@ pub fn stacks(results: &RunRecord, renders: &Path) -> Vec<Stack> {
 }
 
 fn note(view: &ViewScores) -> String {
+    if !view.scores.counts() {
+        return view.scores.notes.join("; ");
+    }
     let psnr = view.scores.psnr.map_or("identical".to_owned(), |v| format!("PSNR {} dB", decimals(v, 2)));
     let lpips = view.scores.lpips_vgg.map(|v| format!(", LPIPS {}", decimals(v, 4)));
     format!("{psnr}, SSIM {}{}", decimals(view.scores.ssim, 4), lpips.unwrap_or_default())

@@ -15,7 +15,8 @@ pub fn body(results: &RunRecord) -> Markup {
         Some(t) if t.psnr.is_none() => "∞".to_owned(),
         _ => decibels(test.and_then(|t| t.psnr)),
     };
-    let views = match results.protocol.test_views {
+    let views = match results.counting_views() {
+        0 if results.protocol.test_views > 0 => "masks hide all held-out views".to_owned(),
         0 => "no view was held out".to_owned(),
         1 => "one held-out view".to_owned(),
         n => format!("mean of {n} held-out views"),
@@ -23,7 +24,7 @@ pub fn body(results: &RunRecord) -> Markup {
     let tile = |label, value: String, note: String| Tile { label, value, note };
     tiles(&[
         tile("PSNR", test_psnr, format!("on training views: {}", decibels(results.train.psnr))),
-        tile("SSIM", decimals(test.map(|t| t.ssim), 4), views),
+        tile("SSIM", decimals(test.and_then(|t| t.ssim), 4), views),
         tile("LPIPS", decimals(test.and_then(|t| t.lpips_vgg), 4), results.protocol.lpips.clone()),
         gaussians(results),
         tile("Model", bytes(results.model_bytes), "model.ply".to_owned()),

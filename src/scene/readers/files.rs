@@ -27,6 +27,19 @@ pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> 
     })
 }
 
+/// A file or folder below a folder, whatever the case in which the parts of its path are written there; as named if there is none.
+pub(super) fn child(folder: &Path, name: &str) -> PathBuf {
+    name.split('/').fold(folder.to_owned(), |folder, part| {
+        let usual = folder.join(part);
+        if usual.exists() {
+            return usual;
+        }
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+        let same = entries.filter(|entry| entry.file_name().to_string_lossy().eq_ignore_ascii_case(part));
+        same.map(|entry| entry.path()).min().unwrap_or(usual)
+    })
+}
+
 /// The first candidate that exists as named, with another photo extension or with one appended; otherwise the first as
 /// named.
 pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {
@@ -142,6 +155,10 @@ pub(super) fn read_text(path: &Path) -> Result<String, Error> {
     }
     if bytes.starts_with(b"\xef\xbb\xbf") {
         bytes.drain(..3);
+    }
+    if !bytes.contains(&b'\n') {
+        // Lines of old Macs.
+        bytes.iter_mut().filter(|byte| **byte == b'\r').for_each(|byte| *byte = b'\n');
     }
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();

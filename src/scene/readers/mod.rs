@@ -104,7 +104,7 @@ fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
 /// The folder of a capture's photos: the one asked for, its images or its input folder, or the capture itself.
 pub fn photo_folder(capture: &Path, asked: Option<&Path>) -> Option<PathBuf> {
     let asked = asked.and_then(|asked| files::image_folder(capture, asked).ok());
-    let usual = ["images", "input"].map(|sub| capture.join(sub));
+    let usual = ["images", "input"].map(|sub| files::child(capture, sub));
     let folders = asked.into_iter().chain(usual).chain([capture.to_owned()]);
     folders.into_iter().find(|folder| !photo_names(folder).is_empty())
 }
@@ -122,6 +122,12 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     }
     if let Some(folder) = &listing.photos {
         unposed(folder, &listed, &mut skipped);
+    }
+    if listed.iter().any(|view| view.mask.is_some()) {
+        let mut whole = Names::default();
+        listed.iter().filter(|view| view.mask.is_none()).for_each(|view| whole.add(&view.name));
+        let photos = counted(whole.count, "photo");
+        skipped.notes.extend((whole.count > 0).then(|| format!("{photos} without a mask, used as a whole ({whole})")));
     }
     let mut listed = listed;
     if let Some(asked) = &options.depth {

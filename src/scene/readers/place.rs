@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::files::child;
 use super::names::is_result;
 use super::{colmap, foreign, photo_folder, photo_names};
 use crate::scene::{Error, OpenOptions};
@@ -40,8 +41,9 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
         return Ok(Place::of(folder, Poses::Transforms(path.to_owned())));
     }
     let nothing = |root: &Path, beside| Error::NoScene { root: root.to_owned(), looked_for: LOOKED_FOR, beside };
-    let part_of_model =
-        ["cameras", "images", "points3D"].iter().any(|part| path.file_stem().is_some_and(|s| s == *part));
+    let part_of_model = ["cameras", "images", "points3D"]
+        .iter()
+        .any(|part| path.file_stem().is_some_and(|s| s.eq_ignore_ascii_case(part)));
     if path.is_file() && !part_of_model {
         return Err(nothing(path, String::new()));
     }
@@ -50,7 +52,7 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
     }
     let mut inner = within(folder);
     if inner.is_empty() {
-        inner = within(&folder.join("dense"));
+        inner = within(&child(folder, "dense"));
     }
     if inner.len() > 1 {
         let names = inner.into_iter().map(|place| name_in(folder, &place.root)).collect();
@@ -96,16 +98,16 @@ fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
     if colmap::is_model(folder) {
         return Some(Place::of(folder, Poses::Colmap(folder.to_owned())));
     }
-    if folder.file_name().is_some_and(|name| name == "sparse")
+    if folder.file_name().is_some_and(|name| name.eq_ignore_ascii_case("sparse"))
         && let Some(place) = colmap(folder.parent().unwrap_or(folder), folder)
     {
         return Some(place);
     }
-    if let Some(place) = colmap(folder, &folder.join("sparse")) {
+    if let Some(place) = colmap(folder, &child(folder, "sparse")) {
         // Where only undistorted photos are left, the cameras are those beside them.
         let elsewhere = photo_folder(folder, options.images.as_deref()).is_none();
         let undistorted = || {
-            let dense = folder.join("dense");
+            let dense = child(folder, "dense");
             here(&dense, &OpenOptions::default())
                 .or_else(|| within(&dense).into_iter().find(|dense| place.is_undistorted_in(&dense.root)))
         };
@@ -113,16 +115,16 @@ fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
             let note = format!("the undistorted photos of {} and their cameras are used", name_in(folder, &dense.root));
             return Some(Place { note: Some(note), ..dense });
         }
-        let other = folder.join("transforms.json").is_file();
+        let other = child(folder, "transforms.json").is_file();
         let also = other.then(|| "the poses in sparse are used, not those in transforms.json".to_owned());
         let notes: Vec<String> = place.note.iter().cloned().chain(also).collect();
         return Some(Place { note: (!notes.is_empty()).then(|| notes.join("; ")), ..place });
     }
-    let named = ["transforms.json", "transforms_train.json"].map(|name| folder.join(name));
+    let named = ["transforms.json", "transforms_train.json"].map(|name| child(folder, name));
     if let Some(file) = named.into_iter().find(|file| file.is_file()) {
         return Some(Place::of(folder, Poses::Transforms(file)));
     }
-    ["colmap/sparse", "distorted/sparse"].iter().find_map(|place| colmap(folder, &folder.join(place)))
+    ["colmap/sparse", "distorted/sparse"].iter().find_map(|place| colmap(folder, &child(folder, place)))
 }
 
 /// The scenes in a folder's subfolders, sorted, without results of this program.

@@ -11,7 +11,7 @@ use crate::effects::{Choice, Effect};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::config::{Init, Pruning, RunConfig};
-use crate::job::output::{absolute, from_root};
+use crate::job::output::absolute;
 use crate::job::records::PruneRecord;
 use crate::job::session::Session;
 use crate::job::{Error, Output};
@@ -88,10 +88,7 @@ impl BlockRun {
         if config.effects.forced(Effect::Dropout).is_none() {
             config.effects.set(Effect::Dropout, Choice::Off);
         }
-        from_root(&mut config.scene, &mut config.images)?;
-        if let Init::Model(path) = &mut config.init {
-            *path = absolute(path)?;
-        }
+        config.respell(absolute);
         let opened = open(&config.selection())?.with_depths(session.watcher);
         let pixels = opened.train_pixels();
         let initial = Start::of(&config, &opened.scene, pixels.iter().copied().max().unwrap_or(0))?.len();

@@ -274,6 +274,23 @@ fn a_byte_order_mark_is_no_text() {
 }
 
 #[test]
+fn names_of_a_captures_own_files_may_be_in_any_case() {
+    let scene = tempfile::tempdir().unwrap();
+    for (name, bytes) in row(&NAMES).text() {
+        write(scene.path(), [(&*format!("SPARSE/0/{}", name.to_uppercase()), bytes)]);
+    }
+    picture(&scene.path().join("Images/a.png"), 64, 48);
+    assert_eq!((open(scene.path()).views.len(), open(scene.path()).points.len()), (4, 1));
+    assert!(open(scene.path()).views[0].image.is_file());
+    let json = transforms(r#""fl_x": 50, "w": 64, "h": 48"#, &NAMES);
+    assert_eq!(open(written([("Transforms.JSON", json)]).path()).views.len(), 4);
+    // Lines may end as on old Macs.
+    let old = |bytes: Vec<u8>| bytes.into_iter().map(|b| if b == b'\n' { b'\r' } else { b }).collect::<Vec<u8>>();
+    let scene = written(row(&NAMES).text().map(|(name, bytes)| (name, old(bytes))));
+    assert_eq!((open(scene.path()).views.len(), open(scene.path()).points.len()), (4, 1));
+}
+
+#[test]
 fn copied_splits_and_train_alone_leave_the_choice_to_eval_every() {
     let top = r#""camera_angle_x": 1.0, "w": 64, "h": 48"#;
     let json = transforms(top, &NAMES);

@@ -136,7 +136,8 @@ fn files_that_a_capture_names_are_found_and_lists_that_name_nothing_are_told() {
         grey(&scene.path().join("seg/a.png"), |_| [255, 255]);
         write(scene.path(), [("cloud/p.ply", points.clone().into_bytes())]);
         let opened = open(scene.path());
-        assert_eq!((opened.points.len(), notes(&opened)), (1, String::new()), "{mask} {cloud}");
+        let told = "1 photo without a mask, used as a whole (images/b.png)".to_owned();
+        assert_eq!((opened.points.len(), notes(&opened)), (1, told), "{mask} {cloud}");
         assert_eq!(opened.views[0].mask.as_deref(), Some(scene.path().join("seg/a.png").as_path()));
     }
     let top = format!(r#"{TOP}, "train_filenames": ["images/a.png"], "test_filenames": ["b.png", "/x/images/c.png"]"#);

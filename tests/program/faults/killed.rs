@@ -5,6 +5,7 @@ use qirf_vk::random;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// The seed of the times of kills: `QIRF_FAULTS_SEED`, or the clock.
@@ -88,10 +89,10 @@ fn killed_after_a_prune_it_knows_what_it_pruned() {
 
 #[test]
 fn interrupted_it_keeps_a_checkpoint_and_ends_with_130() {
-    for (name, milliseconds) in [("TERM", 50), ("INT", 120)] {
+    for (name, milliseconds) in [("TERM", 50), ("INT", 120), ("HUP", 90)] {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path();
-        let mut child = start(&mut run(out, &["--checkpoint-every", "0"]));
+        let mut child = start(&mut by("env", &["--default-signal=HUP"], &run(out, &["--checkpoint-every", "0"])));
         child.until(|| out.join("config.toml").exists());
         std::thread::sleep(Duration::from_millis(milliseconds));
         child.signal(name).with(130, &["interrupted"]);
@@ -101,6 +102,26 @@ fn interrupted_it_keeps_a_checkpoint_and_ends_with_130() {
         works(&mut run(out, &["--checkpoint-every", "0", "--resume"]));
         assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "{name}");
     }
+}
+
+/// The same command, by way of another program.
+fn by(program: &str, options: &[&str], command: &Command) -> Command {
+    let mut by = Command::new(program);
+    by.args(options).arg(command.get_program()).args(command.get_args());
+    by.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
+    by
+}
+
+/// Under nohup the terminal may close, once and twice.
+#[test]
+fn under_nohup_it_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    let mut child = start(&mut by("nohup", &[], &run(out, &[])));
+    child.until(|| out.join("config.toml").exists());
+    child.tell("HUP");
+    child.signal("HUP").with(0, &[]);
+    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
 }
 
 #[test]

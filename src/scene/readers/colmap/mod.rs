@@ -48,7 +48,7 @@ pub(super) fn is_model(folder: &Path) -> bool {
 }
 
 fn has(folder: &Path, extension: &str) -> bool {
-    ["cameras", "images"].iter().all(|f| folder.join(f).with_extension(extension).is_file())
+    ["cameras", "images"].iter().all(|f| files::child(folder, &format!("{f}.{extension}")).is_file())
 }
 
 /// The numbers of cameras of a model's rigs that have several: COLMAP 3.12 and later write them.
@@ -87,7 +87,7 @@ pub(super) fn largest(sparse: &Path) -> Option<(PathBuf, Option<String>)> {
 
 /// The number of a model's images; 0 if its file cannot be read.
 fn images_of(model: &Path) -> usize {
-    let file = |extension: &str| model.join("images").with_extension(extension);
+    let file = |extension: &str| files::child(model, &format!("images.{extension}"));
     let rows = if has(model, "bin") { binary::images(&file("bin"), false) } else { text::images(&file("txt"), false) };
     rows.map_or(0, |rows| rows.len())
 }
@@ -96,7 +96,7 @@ fn images_of(model: &Path) -> usize {
 pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<Listing, Error> {
     let binary = has(model, "bin");
     let extension = if binary { "bin" } else { "txt" };
-    let file = |name: &str| model.join(name).with_extension(extension);
+    let file = |name: &str| files::child(model, &format!("{name}.{extension}"));
     let (cameras_file, source, points_file) = (file("cameras"), file("images"), file("points3D"));
     let (cameras, rows) = if binary {
         (binary::cameras(&cameras_file)?, binary::images(&source, options.check)?)
@@ -188,7 +188,7 @@ fn misfit(lens: &Lens, pose: (DMat3, DVec3), marks: &[Mark], places: &HashMap<u6
 /// The scene of a model folder given by itself: the folder or the nearest of its three parents with photos.
 fn scene_of(model: &Path) -> PathBuf {
     let absolute = std::path::absolute(model).unwrap_or_else(|_| model.to_owned());
-    let found = absolute.ancestors().take(4).find(|a| a.join("images").is_dir());
+    let found = absolute.ancestors().take(4).find(|a| files::child(a, "images").is_dir());
     found.unwrap_or(model).to_owned()
 }
 
@@ -198,11 +198,11 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     if let Some(asked) = &options.images {
         return files::image_folder(root, asked);
     }
-    let usual = root.join("images");
+    let usual = files::child(root, "images");
     let named = |folder: &PathBuf| rows.iter().take(100).any(|row| folder.join(&row.name).is_file());
     let others = || {
-        ["input", "Images", "photos", "rgb", ""]
-            .map(|name| if name.is_empty() { root.to_owned() } else { root.join(name) })
+        ["input", "photos", "rgb", ""]
+            .map(|name| if name.is_empty() { root.to_owned() } else { files::child(root, name) })
     };
     if usual.is_dir() && named(&usual) {
         return Ok(usual);

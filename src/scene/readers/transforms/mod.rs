@@ -107,9 +107,9 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
         ("transforms_val.json", Role::Validation),
         ("transforms_test.json", Role::Test),
     ];
-    let kind = if sisters.iter().any(|(name, _)| path.file_name().is_some_and(|n| n == *name)) {
+    let kind = if sisters.iter().any(|(name, _)| path.file_name().is_some_and(|n| n.eq_ignore_ascii_case(name))) {
         for (name, role) in sisters {
-            let sister = root.join(name);
+            let sister = files::child(root, name);
             if sister.is_file() {
                 reader.file(&sister, role)?;
             }
@@ -135,7 +135,7 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
         points = clouds::beside(std::iter::empty(), root, &mut skipped);
     }
     skipped.notes.extend(masks.values().filter_map(Masks::doubt));
-    let photos = images.is_none().then(|| root.join("images")).filter(|folder| folder.is_dir());
+    let photos = images.is_none().then(|| files::child(root, "images")).filter(|folder| folder.is_dir());
     Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped, photos })
 }
 
