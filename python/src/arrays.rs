@@ -83,7 +83,7 @@ pub fn json(options: &Bound<'_, PyDict>) -> PyResult<serde_json::Map<String, ser
     let dumps = py.eval(code, None, None)?;
     let one = |(name, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
         let text = dumps.call1((&value,)).map_err(|e| wrong(format!("{name}={value}: {e}")))?;
-        let value = serde_json::from_str(text.extract()?);
+        let value = serde_json::from_str(&text.extract::<String>()?);
         Ok((name.extract()?, value.map_err(|e| wrong(format!("{name}: {e}")))?))
     };
     options.iter().map(one).collect()

@@ -2,7 +2,7 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{number, share, some_pixels, some_whole, whole, wrong};
+use crate::errors::{number, share, some_picture_size, some_whole, whole, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
 use engine::gaussians::formats;
@@ -43,7 +43,7 @@ pub fn compress<'py>(
     selector: Option<&str>,
     #[pyo3(from_py_with = whole)] fine_tune: i64,
     #[pyo3(from_py_with = some_whole)] views: Option<i64>,
-    #[pyo3(from_py_with = some_pixels)] picture_size: Option<(u32, u32)>,
+    #[pyo3(from_py_with = some_picture_size)] picture_size: Option<(u32, u32)>,
     #[pyo3(from_py_with = whole)] seed: i64,
     device: Option<&Bound<'py, Device>>,
     on_progress: Option<Py<PyAny>>,

@@ -52,7 +52,7 @@ pub fn share(keep: f64) -> PyResult<f64> {
 
 /// A whole number of any size; what 64 bits cannot hold becomes the nearest that they can.
 pub fn whole(object: &Bound<'_, PyAny>) -> PyResult<i64> {
-    match object.extract() {
+    match object.extract::<i64>() {
         Err(e) if e.is_instance_of::<PyOverflowError>(object.py()) => {
             Ok(if object.lt(0)? { i64::MIN } else { i64::MAX })
         }
@@ -66,18 +66,27 @@ pub fn some_whole(object: &Bound<'_, PyAny>) -> PyResult<Option<i64>> {
 }
 
 /// A width and a height in pixels.
-pub fn pixels(object: &Bound<'_, PyAny>) -> PyResult<(u32, u32)> {
+fn pixels(name: &str, object: &Bound<'_, PyAny>) -> PyResult<(u32, u32)> {
     let (width, height): (Bound<'_, PyAny>, Bound<'_, PyAny>) = object.extract()?;
-    let side = |side: &Bound<'_, PyAny>| Ok(whole(side)?.clamp(0, i64::from(u32::MAX)) as u32);
-    match (side(&width)?, side(&height)?) {
-        (width @ 1..=65_536, height @ 1..=65_536) => Ok((width, height)),
-        _ => Err(wrong(format!("a picture of {width} x {height} pixels: give 1 to 65,536 each"))),
-    }
+    let (width, height) = (whole(&width)?, whole(&height)?);
+    let side = |pixels: i64| u32::try_from(pixels).ok().filter(|pixels| (1..=65_536).contains(pixels));
+    let both = side(width).zip(side(height));
+    both.ok_or_else(|| wrong(format!("{name}=({width}, {height}): give 1 to 65,536 pixels each")))
 }
 
-/// As [`pixels`], or None.
-pub fn some_pixels(object: &Bound<'_, PyAny>) -> PyResult<Option<(u32, u32)>> {
-    if object.is_none() { Ok(None) } else { pixels(object).map(Some) }
+/// The argument `size`, in pixels.
+pub fn size(object: &Bound<'_, PyAny>) -> PyResult<(u32, u32)> {
+    pixels("size", object)
+}
+
+/// The argument `size`, or None.
+pub fn some_size(object: &Bound<'_, PyAny>) -> PyResult<Option<(u32, u32)>> {
+    if object.is_none() { Ok(None) } else { size(object).map(Some) }
+}
+
+/// The argument `picture_size`, or None.
+pub fn some_picture_size(object: &Bound<'_, PyAny>) -> PyResult<Option<(u32, u32)>> {
+    if object.is_none() { Ok(None) } else { pixels("picture_size", object).map(Some) }
 }
 
 /// A number of things that has to be at least `least`.

@@ -2,7 +2,7 @@
 
 use crate::arrays::matrix;
 use crate::device::{Device, or_usual};
-use crate::errors::{colour, number, pixels, raised, some_pixels, whole, wrong};
+use crate::errors::{colour, number, raised, size, some_size, whole, wrong};
 use crate::model::Model;
 use engine::gaussians::Gaussians;
 use engine::gaussians::outline::outline;
@@ -42,7 +42,7 @@ impl Camera {
     fn new(
         k: &Bound<'_, PyAny>,
         world_to_camera: &Bound<'_, PyAny>,
-        #[pyo3(from_py_with = pixels)] size: (u32, u32),
+        #[pyo3(from_py_with = size)] size: (u32, u32),
         near: Option<f32>,
     ) -> PyResult<Self> {
         let k: [[f64; 3]; 3] = matrix(k, "K")?;
@@ -86,7 +86,7 @@ impl Camera {
         target: [f64; 3],
         up: [f64; 3],
         fov: f64,
-        #[pyo3(from_py_with = pixels)] size: (u32, u32),
+        #[pyo3(from_py_with = size)] size: (u32, u32),
         near: Option<f32>,
     ) -> PyResult<Self> {
         if !(fov > 0.0 && fov < 180.0) {
@@ -151,7 +151,7 @@ pub fn orbit(
     py: Python<'_>,
     model: &Bound<'_, Model>,
     #[pyo3(from_py_with = whole)] count: i64,
-    #[pyo3(from_py_with = pixels)] size: (u32, u32),
+    #[pyo3(from_py_with = size)] size: (u32, u32),
     fov: f64,
     elevation: f64,
     up: [f64; 3],
@@ -256,7 +256,7 @@ impl Renderer {
         py: Python<'py>,
         camera: &Bound<'py, PyAny>,
         world_to_camera: Option<&Bound<'py, PyAny>>,
-        #[pyo3(from_py_with = some_pixels)] size: Option<(u32, u32)>,
+        #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let camera = camera_of(camera, world_to_camera, size)?;
         let image = py
@@ -275,7 +275,7 @@ impl Renderer {
         py: Python<'py>,
         camera: &Bound<'py, PyAny>,
         world_to_camera: Option<&Bound<'py, PyAny>>,
-        #[pyo3(from_py_with = some_pixels)] size: Option<(u32, u32)>,
+        #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let camera = camera_of(camera, world_to_camera, size)?;
         let image = py.detach(|| -> Result<(f64, Image), Error> {
