@@ -2,7 +2,6 @@
 //! later keep them together.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::Path;
 
 use serde::Deserialize;
@@ -51,7 +50,7 @@ impl Rig {
     pub fn of(folder: &Path, names: &[String], asked: bool) -> Result<Option<Self>, Error> {
         let places = [Some(folder), folder.parent()].into_iter().flatten().map(|at| at.join(FILE));
         if let Some(path) = places.into_iter().find(|path| path.is_file()) {
-            let text = fs::read_to_string(&path).map_err(|source| Error::Read { path: path.clone(), source })?;
+            let text = scene::read_text(&path)?;
             let wrong = |(record, what): (String, String)| scene::Error::malformed(&path, record, what).into();
             return Self::read(text, names).map(Some).map_err(wrong);
         }

@@ -43,7 +43,7 @@ pub use median::median;
 pub use overlap::Overlap;
 pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
-pub use readers::{PhotoTree, masks_of, photo_folder, photo_names, rigs};
+pub use readers::{PhotoTree, masks_of, photo_folder, photo_names, read_text, rigs};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 

@@ -2,6 +2,7 @@
 
 use super::Error;
 use super::camera::Camera;
+use super::read_text;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde_json::Value;
 use std::path::Path;
@@ -126,10 +127,9 @@ pub struct Frame {
 /// # Errors
 /// [`Error::Io`]; [`Error::Malformed`] names the camera.
 pub fn read(path: &Path, frame: &Frame) -> Result<(Vec<Camera>, bool), Error> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    let text = read_text(path)?;
     let whole = |what: String| Error::malformed(path, "file", what);
-    let document: Value =
-        serde_json::from_str(text.trim_start_matches('\u{feff}')).map_err(|e| whole(format!("no JSON: {e}")))?;
+    let document: Value = serde_json::from_str(&text).map_err(|e| whole(format!("no JSON: {e}")))?;
     let every = document["camera_path"].is_array();
     let kind = &document["camera_type"];
     if kind.as_str().is_some_and(|kind| !kind.eq_ignore_ascii_case("perspective")) {

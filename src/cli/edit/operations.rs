@@ -4,7 +4,7 @@ use super::parse;
 use crate::edit::{Edit, INVISIBLE, Region, Similarity, Unwanted};
 use crate::gaussians::{self, MAX_SH_DEGREE};
 use crate::job::Error;
-use crate::scene::{Resize, Scene};
+use crate::scene::{Resize, Scene, read_text};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
 use glam::DVec3;
@@ -232,7 +232,7 @@ pub(super) fn of_views(scene: &Scene, shift: DVec3, least: usize, outside: bool)
 
 /// A move by the matrix in a file.
 pub(super) fn of_matrix(path: &Path) -> Result<Edit, Error> {
-    let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+    let text = read_text(path)?;
     let malformed = |what: String| {
         Error::Gaussians(gaussians::Error::Malformed { path: path.to_owned(), record: "matrix".into(), what })
     };

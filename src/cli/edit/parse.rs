@@ -67,7 +67,7 @@ pub(super) fn unwanted(text: &str) -> Result<Unwanted, String> {
 
 /// The numbers of a matrix, plain or as JSON.
 pub(super) fn matrix(text: &str) -> Result<Vec<f64>, String> {
-    let words = text.split(|c: char| c.is_whitespace() || "[],;\u{feff}".contains(c)).filter(|word| !word.is_empty());
+    let words = text.split(|c: char| c.is_whitespace() || "[],;".contains(c)).filter(|word| !word.is_empty());
     words
         .map(|word| {
             let shown: String = word.chars().take(20).flat_map(char::escape_debug).collect();

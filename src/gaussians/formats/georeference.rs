@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Error, write_atomically};
+use super::{Error, MARK, Written, write_atomically};
 
 /// Its name.
 const FILE: &str = "georeference.json";
@@ -22,9 +22,24 @@ struct Georeference {
 }
 
 impl Georeference {
-    /// That beside a model, if there is one.
-    fn beside(path: &Path) -> Option<Self> {
-        serde_json::from_slice(&fs::read(file(path)).ok()?).ok()
+    /// That beside a model, if there is one; none if it is another program's.
+    ///
+    /// # Errors
+    /// [`Error::Malformed`] for a damaged one: without it, models would lie elsewhere.
+    fn beside(path: &Path) -> Result<Option<Self>, Error> {
+        let path = file(path);
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let bytes = fs::read(&path).map_err(|source| Error::Io { path: path.clone(), source })?;
+        let text = bytes.strip_prefix(MARK).unwrap_or(&bytes);
+        let what = "is not JSON; restore it, or delete it if the models beside it have no local origin";
+        let value: serde_json::Value = serde_json::from_slice(text).map_err(|e| Error::Malformed {
+            path,
+            record: format!("line {}", e.line()),
+            what: what.to_owned(),
+        })?;
+        Ok(serde_json::from_value(value).ok())
     }
 }
 
@@ -37,14 +52,32 @@ fn name(path: &Path) -> String {
 }
 
 /// The local origin of the model at `path` as the file beside it lists it; zero if it does not.
-pub(super) fn origin(path: &Path) -> [f64; 3] {
-    let found = Georeference::beside(path).and_then(|found| found.models.get(&name(path)).copied());
-    found.filter(|origin| origin.iter().all(|v| v.is_finite())).unwrap_or_default()
+///
+/// # Errors
+/// [`Error::Malformed`] for a damaged file.
+pub(super) fn origin(path: &Path) -> Result<[f64; 3], Error> {
+    let found = Georeference::beside(path)?.and_then(|found| found.models.get(&name(path)).copied());
+    Ok(found.filter(|origin| origin.iter().all(|v| v.is_finite())).unwrap_or_default())
 }
 
-/// Writes the local origin of a model to the file beside it; a model without one is removed from there.
+/// Writes the local origin of a model to the file beside it; a model without one is removed from there. A damaged file and another
+/// program's stay as they are.
+///
+/// # Errors
+/// Such a file, if the model's format has no field for its origin.
 pub fn georeference(path: &Path, origin: [f64; 3]) -> Result<(), Error> {
-    let mut all = Georeference::beside(path).unwrap_or_default();
+    let has_field = !matches!(Written::of(path), Ok(Written::Spz | Written::Sog) | Err(_));
+    let there = match Georeference::beside(path) {
+        Ok(None) if file(path).exists() => {
+            let what = "another program's file has the name that the model's local origin needs; choose another folder";
+            Err(Error::Unsupported { path: file(path), what: what.to_owned() })
+        }
+        there => there.map(Option::unwrap_or_default),
+    };
+    if there.is_err() && (has_field || origin == [0.0; 3]) {
+        return Ok(());
+    }
+    let mut all = there?;
     if origin != [0.0; 3] {
         all = Georeference { schema: 1, origin, ..all };
         all.models.insert(name(path), origin);
@@ -69,13 +102,23 @@ mod tests {
         assert!(!file(&at("near.spz")).exists());
         say("a.spz", utm);
         say("b.sog", utm);
-        assert_eq!(["a.spz", "b.sog", "near.spz"].map(|name| origin(&at(name))), [utm, utm, [0.0; 3]]);
+        let origin = |name: &str| origin(&at(name)).unwrap();
+        assert_eq!(["a.spz", "b.sog", "near.spz"].map(origin), [utm, utm, [0.0; 3]]);
         // Written anew, without a place.
         say("a.spz", [0.0; 3]);
-        assert_eq!(["a.spz", "b.sog"].map(|name| origin(&at(name))), [[0.0; 3], utm]);
+        assert_eq!(["a.spz", "b.sog"].map(origin), [[0.0; 3], utm]);
         say("c.spz", other);
-        assert_eq!(["b.sog", "c.spz"].map(|name| origin(&at(name))), [utm, other]);
-        fs::write(file(&at("c.spz")), "{").unwrap();
-        assert_eq!(origin(&at("c.spz")), [0.0; 3]);
+        assert_eq!(["b.sog", "c.spz"].map(origin), [utm, other]);
+        let file = file(&at("c.spz"));
+        let marked = [MARK, &fs::read(&file).unwrap()].concat();
+        fs::write(&file, &marked).unwrap();
+        assert_eq!(origin("c.spz"), other);
+        // A damaged one, which would move models by map coordinates, is an error; another program's stays as it is.
+        fs::write(&file, &marked[..marked.len() / 2]).unwrap();
+        assert!(matches!(super::origin(&at("c.spz")), Err(Error::Malformed { .. })));
+        assert!(georeference(&at("d.spz"), utm).is_err() && georeference(&at("d.ply"), utm).is_ok());
+        fs::write(&file, "{\"crs\": \"EPSG:25832\"}").unwrap();
+        assert_eq!(origin("c.spz"), [0.0; 3]);
+        assert!(georeference(&at("c.spz"), [0.0; 3]).is_ok() && georeference(&at("c.spz"), utm).is_err());
     }
 }

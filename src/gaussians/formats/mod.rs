@@ -66,6 +66,9 @@ named! {
     }
 }
 
+/// The byte order mark of UTF-8, with which some editors begin a text.
+const MARK: &[u8] = b"\xef\xbb\xbf";
+
 /// A model as read, with its original format, its mode and its repairs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
@@ -101,7 +104,7 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
     let mut loaded = read_alone(path)?;
     if loaded.origin == [0.0; 3] {
         let levels = path.join(sog::LEVELS);
-        loaded.origin = georeference::origin(if levels.is_file() { &levels } else { path });
+        loaded.origin = georeference::origin(if levels.is_file() { &levels } else { path })?;
     }
     Ok(loaded)
 }
@@ -137,6 +140,7 @@ pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
 fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded, Error> {
     let extension = extension(name);
     let parsed = match bytes {
+        [0xef, 0xbb, 0xbf, text @ ..] if ["ply", "usda", "usd", "gltf"].contains(&&*extension) => return read_with(text, name, folder),
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => ply::read(bytes),
         [0x1f, 0x8b, ..] if !spz::is_inside(bytes) => return read_with(&unzipped(bytes, name)?, &name.with_extension(""), folder),
         [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => spz::read(bytes),

@@ -4,6 +4,7 @@ use super::ranges;
 use super::run::RunConfig;
 use crate::job::Error;
 use crate::job::output::absolute;
+use crate::scene::read_text;
 use serde::Deserialize;
 use std::path::Path;
 
@@ -74,7 +75,7 @@ impl RunConfig {
     /// # Errors
     /// [`Error::Read`]; [`Error::Usage`] with the file and the line or the field that is wrong.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
+        let text = read_text(path)?;
         let config = Self::parse(&text).map_err(|what| Error::Usage(format!("{}: {what}", path.display())))?;
         Ok(config.read_in(path.parent().unwrap_or(path)))
     }
@@ -196,6 +197,10 @@ mod tests {
         let text = config().written_in(&moved).unwrap();
         let written: RunConfig = toml::from_str(&text).unwrap();
         assert!(written.scene.is_absolute() && written.scene.ends_with("capture"), "{text}");
+        // As editors and shells of Windows write it.
+        let wide = std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect::<Vec<u8>>();
+        std::fs::write(moved.join("config.toml"), wide).unwrap();
+        assert_eq!(RunConfig::read(&moved.join("config.toml")).unwrap(), written);
     }
 
     #[test]

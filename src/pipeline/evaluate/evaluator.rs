@@ -12,6 +12,7 @@ use crate::pipeline::prepare::Prepared;
 use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
 use crate::scene::{AlphaRole, Names, Photo, camera};
 use crate::train;
+use crate::wording::counted;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -91,8 +92,8 @@ impl HeldOut {
             ));
         }
         if self.empty > 0 {
-            let n = self.empty;
-            watcher.note(&format!("{n} held-out views rendered empty: check the poses and the scene's scale"));
+            let views = counted(self.empty, "held-out view");
+            watcher.note(&format!("{views} rendered empty: check the poses and the scene's scale"));
         }
     }
 }

@@ -141,7 +141,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Error> {
 }
 
 /// Reads a whole text file in UTF-8, or in the UTF-16 that Windows writes, without its byte order mark.
-pub(super) fn read_text(path: &Path) -> Result<String, Error> {
+pub fn read_text(path: &Path) -> Result<String, Error> {
     let mut bytes = read(path)?;
     let wide =
         |of: fn([u8; 2]) -> u16| bytes[2..].as_chunks::<2>().0.iter().map(|pair| of(*pair)).collect::<Vec<u16>>();

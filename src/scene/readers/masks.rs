@@ -22,7 +22,6 @@ pub(super) struct Masks {
 #[derive(Default)]
 struct Index {
     by_photo: HashMap<String, Vec<PathBuf>>,
-    in_folder: usize,
 }
 
 impl Masks {
@@ -49,9 +48,10 @@ impl Masks {
     /// A note if there is a mask folder but none of its files belongs to a photo.
     pub fn doubt(&self) -> Option<String> {
         let folder = self.folder.as_ref().filter(|_| self.found.get() == 0)?;
-        let held = self.index.get_or_init(|| Index::of(Some(folder), &self.images)).in_folder;
-        let files = counted(held, "file");
-        (held > 0).then(|| format!("no mask used: {} holds {files}, none with a photo's name", folder.display()))
+        let held = files(folder);
+        let (first, _) = held.first()?;
+        let number = counted(held.len(), "file");
+        Some(format!("no mask used: {} holds {number} such as {first}, none with a photo's name", folder.display()))
     }
 }
 
@@ -60,7 +60,6 @@ impl Index {
         let mut index = Self::default();
         if let Some(folder) = masks {
             for (name, path) in files(folder) {
-                index.in_folder += 1;
                 let mut owners = belongs_to(&name, false);
                 // In a folder of masks, what names no other owner is named like its photo, once or twice: x.jpg.png.
                 owners.push(key(&name));

@@ -17,6 +17,7 @@ mod transforms;
 mod tree;
 
 pub use colmap::rigs;
+pub use files::read_text;
 pub use masks::masks_of;
 pub use tree::{PhotoTree, photo_names};
 

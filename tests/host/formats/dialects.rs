@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::formats::{self, Format};
 
 /// Type, name, and value by row of a property.
@@ -112,6 +113,24 @@ fn gzip_is_unpacked_whatever_it_holds() {
 }
 
 /// Doubles far from the origin keep their differences, and the place that the means then count from is written and read.
+#[test]
+fn a_byte_order_mark_is_no_part_of_a_text() {
+    let folder = tempfile::tempdir().unwrap();
+    let plain = Gaussians::balls(vec![[1.0, 2.0, 3.0]], -2.0, 1.0, 0);
+    for name in ["model.ply", "model.usda"] {
+        let path = folder.path().join(name);
+        formats::write(&path, &plain, formats::RenderMode::default()).unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let marked = [b"\xef\xbb\xbf".as_slice(), &bytes].concat();
+        let of = |bytes: &[u8]| formats::read_bytes(bytes, Path::new(name)).unwrap().gaussians;
+        assert_eq!(of(&marked), of(&bytes), "{name}");
+    }
+    // Three bytes of a coordinate are none.
+    assert!(formats::read_bytes(&[0xef, 0xbb, 0xbf, 0x40], Path::new("model.splat")).is_err());
+    let splat = [[0xef, 0xbb, 0xbf, 0x40].as_slice(), &[0; 8], &[0, 0, 0, 0x3f].repeat(3), &[255; 8]].concat();
+    assert_eq!(formats::read_bytes(&splat, Path::new("model.splat")).unwrap().gaussians.len(), 1);
+}
+
 #[test]
 fn far_doubles_keep_their_differences() {
     let dc: [Property; 3] =

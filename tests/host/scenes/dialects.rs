@@ -162,7 +162,7 @@ fn masks_are_found_under_the_names_that_tools_give_them() {
     }
     let scene = capture(&NAMES, &NAMES);
     picture(&scene.path().join("masks/other.png"), 64, 48);
-    assert!(notes(&open(scene.path())).contains("holds 1 file, none with a photo's name"));
+    assert!(notes(&open(scene.path())).contains("holds 1 file such as other.png, none with a photo's name"));
 }
 
 #[test]

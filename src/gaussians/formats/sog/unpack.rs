@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::super::bytes::{from_smallest_three, logit_of_byte};
 use super::super::fault::{Fault, malformed};
-use super::super::{Format, Gaussians, Parsed, Tag};
+use super::super::{Format, Gaussians, MARK, Parsed, Tag};
 use super::GREATEST;
 
 const AGAIN: &str = "fetch or export the model again";
@@ -101,7 +101,7 @@ pub(in super::super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
 fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, Fault> {
     let text = load("meta.json")?;
     // Editors of Windows put a byte order mark before it.
-    let meta: Meta = serde_json::from_slice(text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text))
+    let meta: Meta = serde_json::from_slice(text.strip_prefix(MARK).unwrap_or(&text))
         .map_err(|error| malformed("meta.json", format!("{error}; {AGAIN}")))?;
     if let Some(version) = meta.version.filter(|v| ![1.0, 2.0].contains(v)) {
         return Err(Fault::Unsupported(format!("SOG version {version}; versions 1 and 2 are read, export it as one")));
