@@ -69,6 +69,7 @@ pub mod edit;
 pub mod effects;
 pub mod gaussians;
 pub mod metrics;
+mod ply;
 #[cfg(any(feature = "faer", feature = "lapack"))]
 pub mod qirf;
 pub mod random;
@@ -100,7 +101,6 @@ pub mod report;
 pub mod selftest;
 #[cfg(feature = "shard")]
 pub mod shard;
-#[cfg(feature = "train")]
 mod solve;
 #[cfg(feature = "view")]
 pub mod view;

@@ -1,7 +1,7 @@
 //! A similarity of all Gaussians of a model.
 
 use super::{Error, Similarity};
-use crate::gaussians::{BandRotations, Gaussians};
+use crate::gaussians::Gaussians;
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
@@ -22,12 +22,7 @@ pub(super) fn transform(model: &mut Gaussians, by: &Similarity) -> Result<(), Er
         // An ellipsoid is its own mirror image through its centre: a mirror turns it as the opposite matrix does.
         let proper = if by.mirrors() { -by.rotation } else { by.rotation };
         let turn = DQuat::from_mat3(&proper);
-        model.rotations.par_iter_mut().for_each(|rotation| {
-            let [w, x, y, z] = rotation.map(f64::from);
-            let turned = turn * DQuat::from_xyzw(x, y, z, w);
-            *rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
-        });
-        BandRotations::new(by.rotation).apply(&mut model.sh);
+        model.turn(turn, by.rotation);
     }
     let finite = |values: &[f32; 3]| values.iter().all(|x| x.is_finite());
     let lost = model.means.par_iter().zip(&model.log_scales).filter(|(mean, scales)| !(finite(mean) && finite(scales)));

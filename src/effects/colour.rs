@@ -8,6 +8,7 @@ use super::training_set::TrainingSet;
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::gaussians::sh::basis;
 use crate::scene::View;
+use crate::solve;
 use crate::wording::counted;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -281,24 +282,16 @@ fn fit(seen: &[(usize, &Observation)], terms: usize) -> [DVec3; TERMS] {
             b[i] += o.colour * x[i];
         }
     }
-    for (i, row) in a.iter_mut().enumerate().take(terms) {
-        row[i] += if i == 0 { 1e-9 } else { RIDGE };
+    // Terms beyond these are 0.
+    for (i, row) in a.iter_mut().enumerate() {
+        row[i] += if i == 0 {
+            1e-9
+        } else if i < terms {
+            RIDGE
+        } else {
+            1.0
+        };
     }
-    // Gaussian elimination: the matrix is positive definite, so that no pivot vanishes.
-    for i in 0..terms {
-        for k in i + 1..terms {
-            let share = a[k][i] / a[i][i];
-            for j in i..terms {
-                a[k][j] -= share * a[i][j];
-            }
-            let above = b[i];
-            b[k] -= above * share;
-        }
-    }
-    let mut out = [DVec3::ZERO; TERMS];
-    for i in (0..terms).rev() {
-        let known: DVec3 = (i + 1..terms).map(|j| out[j] * a[i][j]).sum();
-        out[i] = (b[i] - known) / a[i][i];
-    }
-    out
+    let by_channel = [0, 1, 2].map(|c| solve::positive(a, b.map(|b| b[c])));
+    std::array::from_fn(|i| DVec3::from_array(by_channel.map(|x| x[i])))
 }

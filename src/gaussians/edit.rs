@@ -2,9 +2,10 @@
 
 use std::borrow::Cow;
 
-use glam::DVec3;
+use glam::{DMat3, DQuat, DVec3};
+use rayon::prelude::*;
 
-use super::{Attributes, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
+use super::{Attributes, BandRotations, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
 
 impl Gaussians {
     /// A model of `n` Gaussians of SH degree `degree` whose stored values are all zero.
@@ -42,6 +43,16 @@ impl Gaussians {
         if by != DVec3::ZERO {
             self.means.iter_mut().for_each(|m| *m = (DVec3::from(m.map(f64::from)) + by).as_vec3().to_array());
         }
+    }
+
+    /// Turns all Gaussians about their centres, and their colours by `matrix`: the same turn, or one that also mirrors.
+    pub(crate) fn turn(&mut self, turn: DQuat, matrix: DMat3) {
+        self.rotations.par_iter_mut().for_each(|rotation| {
+            let [w, x, y, z] = rotation.map(f64::from);
+            let turned = turn * DQuat::from_xyzw(x, y, z, w);
+            *rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
+        });
+        BandRotations::new(matrix).apply(&mut self.sh);
     }
 
     /// The model with all lengths times `factor`.

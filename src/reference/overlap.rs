@@ -9,7 +9,7 @@
 //! (`tests/device/overlap/twin.rs`) that shares neither code nor method with this one, and `selftest` with values
 //! computed by other means.
 
-use std::ops::{Add, Div, Mul, Neg, Sub};
+use num_traits::{Float, ToPrimitive};
 
 pub use crate::kernels::constants::axes::float64::SCALE_FLOOR;
 
@@ -49,13 +49,13 @@ pub fn overlap(a: &Primitive, b: &Primitive) -> f64 {
 }
 
 /// N of two Gaussians by `form`, computed in `T` throughout, without a floor; NaN if the form breaks down.
-pub fn overlap_as<T: Real>(form: Form, a: &Primitive, b: &Primitive) -> f64 {
+pub fn overlap_as<T: Float>(form: Form, a: &Primitive, b: &Primitive) -> f64 {
     let (a, b) = (Shape::<T>::of(a), Shape::<T>::of(b));
     let ln = match form {
         Form::Qr => qr(&a, &b),
-        Form::Determinant => return determinant(&a, &b).to(),
+        Form::Determinant => return determinant(&a, &b).to_f64().unwrap_or(f64::NAN),
     };
-    let n = ln.exp().to();
+    let n = ln.exp().to_f64().unwrap_or(f64::NAN);
     // Clamped as on the device, except that a NaN stays NaN.
     if n > 1.0 { 1.0 } else { n }
 }
@@ -66,55 +66,10 @@ pub fn block(primitives: &[Primitive]) -> Vec<f64> {
     (0..primitives.len()).flat_map(|i| (0..primitives.len()).map(move |j| entry(i, j))).collect()
 }
 
-/// Arithmetic in one precision.
-pub trait Real:
-    Copy
-    + PartialOrd
-    + Add<Output = Self>
-    + Sub<Output = Self>
-    + Mul<Output = Self>
-    + Div<Output = Self>
-    + Neg<Output = Self>
-{
-    /// Rounds a float64.
-    fn of(x: f64) -> Self;
-    /// Widens to float64.
-    fn to(self) -> f64;
-    /// Square root.
-    #[must_use]
-    fn sqrt(self) -> Self;
-    /// Exponential.
-    #[must_use]
-    fn exp(self) -> Self;
-    /// Natural logarithm.
-    #[must_use]
-    fn ln(self) -> Self;
+/// Rounds a float64.
+fn of<T: Float>(x: f64) -> T {
+    T::from(x).expect("a float has all numbers, rounded")
 }
-
-macro_rules! real {
-    ($t:ty) => {
-        impl Real for $t {
-            fn of(x: f64) -> Self {
-                x as Self
-            }
-            fn to(self) -> f64 {
-                self.into()
-            }
-            fn sqrt(self) -> Self {
-                self.sqrt()
-            }
-            fn exp(self) -> Self {
-                self.exp()
-            }
-            fn ln(self) -> Self {
-                self.ln()
-            }
-        }
-    };
-}
-
-real!(f32);
-real!(f64);
 
 type Vec3<T> = [T; 3];
 
@@ -125,22 +80,21 @@ struct Shape<T> {
     axes: [Vec3<T>; 3],
 }
 
-impl<T: Real> Shape<T> {
+impl<T: Float> Shape<T> {
     fn of(p: &Primitive) -> Self {
-        let [w, x, y, z] = p.quaternion.map(T::of);
+        let [w, x, y, z] = p.quaternion.map(of::<T>);
         // Divided by the largest first, so that neither a tiny nor a huge quaternion leaves the range of float32.
-        let absolute = |v: T| if v < T::of(0.0) { -v } else { v };
-        let largest = [w, x, y, z].map(absolute).into_iter().fold(T::of(0.0), |a, b| if b > a { b } else { a });
+        let largest = [w, x, y, z].map(T::abs).into_iter().fold(T::zero(), T::max);
         let [w, x, y, z] = [w, x, y, z].map(|v| v / largest);
         let length = (w * w + x * x + y * y + z * z).sqrt();
         let [w, x, y, z] = [w, x, y, z].map(|v| v / length);
-        let (one, two) = (T::of(1.0), T::of(2.0));
+        let (one, two) = (T::one(), of::<T>(2.0));
         let axes = [
             [one - two * (y * y + z * z), two * (x * y + w * z), two * (x * z - w * y)],
             [two * (x * y - w * z), one - two * (x * x + z * z), two * (y * z + w * x)],
             [two * (x * z + w * y), two * (y * z - w * x), one - two * (x * x + y * y)],
         ];
-        Self { position: p.position.map(T::of), scales: p.scales.map(T::of), axes }
+        Self { position: p.position.map(of), scales: p.scales.map(of), axes }
     }
 
     /// Least over largest scale.
@@ -152,7 +106,7 @@ impl<T: Real> Shape<T> {
 
     /// Sum over axes of the logarithms of the scales times `unit`.
     fn ln_volume(&self, unit: T) -> T {
-        self.scales.map(|s| (s * unit).ln()).into_iter().fold(T::of(0.0), |sum, ln| sum + ln)
+        self.scales.map(|s| (s * unit).ln()).into_iter().fold(T::zero(), |sum, ln| sum + ln)
     }
 
     fn covariance(&self) -> [Vec3<T>; 3] {
@@ -164,24 +118,24 @@ impl<T: Real> Shape<T> {
     }
 }
 
-fn dot<T: Real>(a: Vec3<T>, b: Vec3<T>) -> T {
+fn dot<T: Float>(a: Vec3<T>, b: Vec3<T>) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn difference<T: Real>(a: &Shape<T>, b: &Shape<T>) -> Vec3<T> {
+fn difference<T: Float>(a: &Shape<T>, b: &Shape<T>) -> Vec3<T> {
     std::array::from_fn(|c| a.position[c] - b.position[c])
 }
 
 /// ln N by Householder QR.
-fn qr<T: Real>(a: &Shape<T>, b: &Shape<T>) -> T {
+fn qr<T: Float>(a: &Shape<T>, b: &Shape<T>) -> T {
     let (i, j) = if b.thinness() < a.thinness() { (b, a) } else { (a, b) };
-    let zero = T::of(0.0);
+    let zero = T::zero();
     let mut order = [0, 1, 2];
     order.sort_by(|&k, &l| i.scales[l].partial_cmp(&i.scales[k]).unwrap_or(std::cmp::Ordering::Equal));
     // A power of two scales all lengths, so that no square leaves the range of float32.
-    let largest = i.scales.iter().chain(&j.scales).map(|s| s.to()).fold(0.0, f64::max);
+    let largest = i.scales.iter().chain(&j.scales).filter_map(ToPrimitive::to_f64).fold(0.0, f64::max);
     let power = (-largest.log2().floor()).exp2();
-    let unit = T::of(if power.is_finite() { power } else { 1.0 });
+    let unit = of::<T>(if power.is_finite() { power } else { 1.0 });
 
     let mut stack = [[zero; 3]; 6]; // rows
     let mut right = [zero; 3];
@@ -216,18 +170,18 @@ fn qr<T: Real>(a: &Shape<T>, b: &Shape<T>) -> T {
         quadratic = quadratic + solved[k] * solved[k];
     }
     // Logarithms of the scaled values: three times ln 2^-40, to be cancelled later, would cost float32 its last digits.
-    T::of(1.5 * std::f64::consts::LN_2) + (i.ln_volume(unit) + j.ln_volume(unit)) / T::of(2.0)
+    of::<T>(1.5 * std::f64::consts::LN_2) + (i.ln_volume(unit) + j.ln_volume(unit)) / of::<T>(2.0)
         - ln_r
-        - quadratic / T::of(2.0)
+        - quadratic / of::<T>(2.0)
 }
 
-fn sum<T: Real>(a: &Shape<T>, b: &Shape<T>) -> [Vec3<T>; 3] {
+fn sum<T: Float>(a: &Shape<T>, b: &Shape<T>) -> [Vec3<T>; 3] {
     let (x, y) = (a.covariance(), b.covariance());
     std::array::from_fn(|i| std::array::from_fn(|j| x[i][j] + y[i][j]))
 }
 
 /// N by determinants, as the formula is written.
-fn determinant<T: Real>(a: &Shape<T>, b: &Shape<T>) -> T {
+fn determinant<T: Float>(a: &Shape<T>, b: &Shape<T>) -> T {
     let s = sum(a, b);
     let d = difference(a, b);
     let minor = |r: (usize, usize), c: (usize, usize)| s[r.0][c.0] * s[r.1][c.1] - s[r.0][c.1] * s[r.1][c.0];
@@ -238,6 +192,6 @@ fn determinant<T: Real>(a: &Shape<T>, b: &Shape<T>) -> T {
     ];
     let det = s[0][0] * adjugate[0][0] + s[0][1] * adjugate[1][0] + s[0][2] * adjugate[2][0];
     let quadratic = dot(d, adjugate.map(|row| dot(row, d))) / det;
-    let volumes = a.scales.iter().chain(&b.scales).fold(T::of(1.0), |product, &s| product * s);
-    (T::of(8.0) * volumes / det).sqrt() * (-(quadratic / T::of(2.0))).exp()
+    let volumes = a.scales.iter().chain(&b.scales).fold(T::one(), |product, &s| product * s);
+    (of::<T>(8.0) * volumes / det).sqrt() * (-(quadratic / of::<T>(2.0))).exp()
 }

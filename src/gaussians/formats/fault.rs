@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::Error;
+use crate::ply;
 
 /// [`Error`] without the path, which only the caller knows.
 #[derive(Debug)]
@@ -28,6 +29,12 @@ impl Fault {
             Self::Unsupported(what) => Error::Unsupported { path: path.to_owned(), what },
             Self::Io { path, source } => Error::Io { path, source },
         }
+    }
+}
+
+impl From<ply::Fault> for Fault {
+    fn from(ply::Fault { record, what }: ply::Fault) -> Self {
+        Self::Malformed { record, what }
     }
 }
 

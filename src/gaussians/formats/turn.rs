@@ -4,7 +4,6 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 use super::Gaussians;
-use crate::gaussians::BandRotations;
 use crate::scene::origin::near;
 
 /// Largest deviation of a matrix from a turn times a number.
@@ -57,13 +56,8 @@ pub(super) fn similarity(model: &mut Gaussians, size: f64, turn: DQuat, shift: D
     if turn == DQuat::IDENTITY && size > 0.0 {
         return;
     }
-    model.rotations.par_iter_mut().for_each(|q| {
-        let [w, x, y, z] = q.map(f64::from);
-        let turned = turn * DQuat::from_xyzw(x, y, z, w);
-        *q = [turned.w, turned.x, turned.y, turned.z].map(|c| c as f32);
-    });
     // An ellipsoid is its own reflection through its centre; colours are not.
-    BandRotations::new(DMat3::from_quat(turn) * size.signum()).apply(&mut model.sh);
+    model.turn(turn, DMat3::from_quat(turn) * size.signum());
 }
 
 #[cfg(test)]

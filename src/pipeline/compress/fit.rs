@@ -7,6 +7,7 @@ use super::views::Views;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Ladder, Precision, RenderMode, SpzVersion};
 use crate::job::Error;
+use crate::job::Watcher;
 use crate::job::records::{Aim, AimRecord, Truth};
 use crate::job::session::Session;
 use crate::pipeline::budget;
@@ -159,11 +160,15 @@ pub struct Fitter<'a> {
     sequence: Sequence,
 }
 
-/// Files of a model at any number of Gaussians, made from one sequence of merges.
+/// Files of a model at any number of Gaussians.
 struct Files<'a> {
-    fitter: &'a Fitter<'a>,
+    /// The model with this many Gaussians.
+    model: &'a dyn Fn(usize) -> Gaussians,
+    mode: RenderMode,
     target: &'a Target<'a>,
     rungs: Vec<Precision>,
+    /// Who compares pictures and is told of the search; without one all are equal.
+    judge: Option<&'a Judge<'a>>,
     /// Packed models, by rung and Gaussians.
     made: BTreeMap<(usize, usize), Vec<u8>>,
 }
@@ -172,20 +177,20 @@ impl Trials for Files<'_> {
     type Error = Error;
 
     fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, Error> {
-        let Fitter { judge, model, responses, config, sequence } = self.fitter;
-        let watcher = judge.session.watcher;
-        watcher.unless_stopped()?;
-        let pairs = sequence.pairs(model, &responses.scores, gaussians);
-        let kept: Vec<usize> = (0..pairs.keep.len()).filter(|i| pairs.keep[*i]).collect();
-        let packed = self.target.pack(&pairs.model.select(&kept), config.style.mode(), self.rungs[rung])?;
+        let watcher = self.judge.map(|judge| judge.session.watcher);
+        watcher.map_or(Ok(()), Watcher::unless_stopped)?;
+        let packed = self.target.pack(&(self.model)(gaussians), self.mode, self.rungs[rung])?;
         let length = self.target.length(&packed);
         self.made.insert((rung, gaussians), packed);
-        watcher.trying(self.made.len(), self.made.len().max(TRIES));
+        if let Some(watcher) = watcher {
+            watcher.trying(self.made.len(), self.made.len().max(TRIES));
+        }
         Ok(length)
     }
 
     fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, Error> {
-        self.fitter.judge.psnr(&self.made[&(rung, gaussians)], self.target.format)
+        let judge = |judge: &Judge<'_>| judge.psnr(&self.made[&(rung, gaussians)], self.target.format);
+        self.judge.map_or(Ok(f64::INFINITY), judge)
     }
 }
 
@@ -218,7 +223,9 @@ impl<'a> Fitter<'a> {
     pub fn fit(&self, aim: Aim, target: &Target<'_>) -> Result<Fitted, Error> {
         let begun = Instant::now();
         let Ladder { rungs, steps } = target.ladder(self.model);
-        let mut files = Files { fitter: self, target, rungs, made: BTreeMap::new() };
+        let (mode, judge) = (self.config.style.mode(), Some(self.judge));
+        let model = |gaussians| self.sequence.pairs(self.model, &self.responses.scores, gaussians).kept();
+        let mut files = Files { model: &model, mode, target, rungs, judge, made: BTreeMap::new() };
         let mut search = Search::new(&mut files, self.model.len(), &steps);
         let found = search.find(aim)?;
         let tried = search.tried();
@@ -271,42 +278,6 @@ pub fn packed(
     pack(ladder.finest()).map(Some)
 }
 
-/// Files of any number of a model's Gaussians, those with the largest contributions, at all settings of a format.
-struct Shown<'a> {
-    model: &'a Gaussians,
-    /// The Gaussians in descending order of contribution.
-    order: Vec<usize>,
-    mode: RenderMode,
-    target: &'a Target<'a>,
-    rungs: Vec<Precision>,
-    /// Packed models, by rung and Gaussians.
-    made: BTreeMap<(usize, usize), Vec<u8>>,
-}
-
-impl Shown<'_> {
-    /// The given number of Gaussians with the largest contributions, in the model's order.
-    fn most(&self, gaussians: usize) -> Gaussians {
-        let mut numbers = self.order[..gaussians.min(self.order.len())].to_vec();
-        numbers.sort_unstable();
-        self.model.select(&numbers)
-    }
-}
-
-impl Trials for Shown<'_> {
-    type Error = Error;
-
-    fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, Error> {
-        let packed = self.target.pack(&self.most(gaussians), self.mode, self.rungs[rung])?;
-        let length = self.target.length(&packed);
-        self.made.insert((rung, gaussians), packed);
-        Ok(length)
-    }
-
-    fn psnr(&mut self, _: usize, _: usize) -> Result<f64, Error> {
-        Ok(f64::INFINITY)
-    }
-}
-
 /// Packs a model into at most `most` bytes of file, at the finest possible settings. If even the coarsest settings need more,
 /// Gaussians with the smallest contributions are removed. `near` is a rung whose file has about this size.
 pub fn within(
@@ -317,11 +288,18 @@ pub fn within(
 ) -> Result<Vec<u8>, Error> {
     let Ladder { rungs, steps } = target.ladder(model);
     let order = by_what_shows(model);
-    let mut files = Shown { model, order, mode, target, rungs, made: BTreeMap::new() };
+    // Those with the largest contributions, in the model's order.
+    let most_of = |gaussians: usize| {
+        let mut numbers = order[..gaussians.min(order.len())].to_vec();
+        numbers.sort_unstable();
+        model.select(&numbers)
+    };
+    let mut files = Files { model: &most_of, mode, target, rungs, judge: None, made: BTreeMap::new() };
     let point = Search::new(&mut files, model.len(), &steps).refine(most, near)?;
     let packed = files.made.remove(&point).expect("a file that was made");
     if point.1 < model.len() {
-        *model = files.most(point.1);
+        let most = most_of(point.1);
+        *model = most;
     }
     Ok(packed)
 }

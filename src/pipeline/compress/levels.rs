@@ -26,9 +26,7 @@ pub fn levels(
     while levels.len() < count && levels.last().is_some_and(|finer| finer.len() > 1) {
         session.watcher.unless_stopped()?;
         let target = (model.len() as f64 * SHARE.powi(levels.len() as i32)).round().max(1.0) as usize;
-        let pairs = sequence.pairs(model, &responses.scores, target);
-        let kept: Vec<usize> = (0..pairs.keep.len()).filter(|i| pairs.keep[*i]).collect();
-        levels.push(pairs.model.select(&kept));
+        levels.push(sequence.pairs(model, &responses.scores, target).kept());
     }
     Ok(levels)
 }

@@ -34,6 +34,14 @@ pub struct Pairs {
     pub counts: PairCounts,
 }
 
+impl Pairs {
+    /// The Gaussians that are kept, alone.
+    pub fn kept(&self) -> Gaussians {
+        let kept: Vec<usize> = (0..self.keep.len()).filter(|i| self.keep[*i]).collect();
+        self.model.select(&kept)
+    }
+}
+
 /// Cluster of a Gaussian that no picture shows or that had no neighbour left.
 pub const NO_CLUSTER: u32 = u32::MAX;
 

@@ -3,9 +3,6 @@
 use crate::gaussians::{Attributes, Gaussians};
 use crate::shard::kd_tree::Cells;
 use crate::train::checkpoint::Snapshot;
-use crate::train::state::TrainState;
-use std::collections::BTreeMap;
-use std::collections::HashMap;
 use std::ops::Range;
 
 /// A model's rows, divided by their role in a block.
@@ -30,21 +27,7 @@ impl Members {
 /// A state before any iteration; the last `tail` Gaussians never change.
 pub(super) fn beginning(model: Gaussians, tail: usize) -> Snapshot {
     let moments = Attributes::widths(model.degree()).map(|width| vec![0.0; 2 * width * (model.len() - tail)]);
-    Snapshot {
-        iteration: 0,
-        skipped_rows: 0,
-        tail,
-        moments,
-        growth: vec![0.0; 2 * model.len()],
-        responses: Default::default(),
-        exposures: Default::default(),
-        poses: Vec::new(),
-        arrays: BTreeMap::new(),
-        mean: None,
-        state: TrainState::default(),
-        notes: HashMap::new(),
-        model,
-    }
+    Snapshot { tail, moments, growth: vec![0.0; 2 * model.len()], model, ..Snapshot::default() }
 }
 
 /// The rows before the tail.
@@ -63,17 +46,14 @@ pub(super) fn select(snapshot: &Snapshot, rows: &[usize]) -> Snapshot {
         rows.iter().flat_map(|i| &moments[2 * width * i..2 * width * (i + 1)]).copied().collect()
     });
     Snapshot {
+        iteration: snapshot.iteration,
+        skipped_rows: snapshot.skipped_rows,
         model: snapshot.model.select(rows),
-        tail: 0,
         moments,
         growth: vec![0.0; 2 * rows.len()],
-        responses: Default::default(),
-        exposures: Default::default(),
-        poses: Vec::new(),
-        arrays: BTreeMap::new(),
-        mean: None,
+        state: snapshot.state,
         notes: snapshot.notes.clone(),
-        ..*snapshot
+        ..Snapshot::default()
     }
 }
 

@@ -20,7 +20,7 @@ mod file;
 pub use file::OWN_NOTES;
 
 /// Everything needed to resume a run.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Snapshot {
     /// Iterations done.
     pub iteration: u32,

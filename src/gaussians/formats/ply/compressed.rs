@@ -11,7 +11,7 @@ use super::super::Gaussians;
 use super::super::bytes::{from_smallest_three, logit_of_byte, sh0_of_colour};
 use super::super::fault::{Fault, malformed};
 use super::standard::{gather, rest_bands, rest_slots};
-use super::table::{Slot, Table};
+use crate::ply::{Slot, Table};
 
 /// Gaussians of a chunk.
 pub(super) const CHUNK: usize = 256;
@@ -74,7 +74,7 @@ pub(super) fn gaussians(chunk: &Table, vertex: &Table, sh: Option<&Table>) -> Re
 
 fn limits(chunk: &Table) -> Result<Vec<Limits>, Fault> {
     let triple = |end: &str, axes: [&str; 3]| -> Result<Vec<Slot>, Fault> {
-        axes.iter().map(|axis| chunk.slot(&format!("{end}_{axis}"))).collect()
+        axes.iter().map(|axis| Ok(chunk.slot(&format!("{end}_{axis}"))?)).collect()
     };
     let [xyz, sizes, rgb] = LIMITS;
     let position = [triple("min", xyz)?, triple("max", xyz)?];

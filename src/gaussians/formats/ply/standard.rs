@@ -10,8 +10,8 @@ use super::super::Gaussians;
 use super::super::bytes::sh0_of_colour;
 use super::super::fault::{Fault, malformed};
 use super::super::turn::middle;
-use super::table::{Slot, Table};
 use crate::gaussians::MAX_SH_DEGREE;
+use crate::ply::{Kind, Slot, Table};
 use crate::scene::origin::near;
 
 /// The third log-scale of a flat model, which has two: as thin as 2DGS's own export for viewers makes it.
@@ -86,10 +86,10 @@ fn smooth(model: &mut Gaussians, filters: &[f32]) {
 fn places(vertex: &Table, slots: [Slot; 3], origin: &mut [f64; 3]) -> Vec<[f32; 3]> {
     let rows = || vertex.rows().par_chunks_exact(vertex.stride);
     let plain = || rows().map(|row| slots.map(|slot| slot.float(row))).collect();
-    if !slots.iter().all(|slot| slot.is_double()) {
+    if !slots.iter().all(|slot| slot.kind() == Kind::F64) {
         return plain();
     }
-    let whole: Vec<DVec3> = rows().map(|row| DVec3::from_array(slots.map(|slot| slot.double(row)))).collect();
+    let whole: Vec<DVec3> = rows().map(|row| DVec3::from_array(slots.map(|slot| slot.value(row)))).collect();
     let (centre, size) = middle(&whole);
     let own = near(centre, size);
     if own == DVec3::ZERO {
@@ -129,7 +129,7 @@ pub(super) fn gather(table: &Table, slots: &[Slot], value: impl Fn(Slot, &[u8]) 
 pub(super) fn rest_slots(table: &Table) -> Result<Vec<Slot>, Fault> {
     let count = table.names().filter(|name| name.starts_with("f_rest_")).count();
     match count {
-        0 | 9 | 24 | 45 => (0..count).map(|i| table.slot(&format!("f_rest_{i}"))).collect(),
+        0 | 9 | 24 | 45 => (0..count).map(|i| Ok(table.slot(&format!("f_rest_{i}"))?)).collect(),
         72 => Err(Fault::Unsupported("SH degree 4 (72 f_rest); export it with degree 3 or less".into())),
         _ => Err(malformed(
             format!("element {}", table.name()),

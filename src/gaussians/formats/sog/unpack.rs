@@ -197,7 +197,7 @@ fn rest_bands(model: &mut Gaussians, rest: &Rest, palette: &RgbaImage, labels: &
                     out[channel] = lookup[usize::from(texel[channel])];
                 }
             }
-            Ok(())
+            Ok::<_, Fault>(())
         })?;
         model.sh.push(band);
     }

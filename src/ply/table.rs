@@ -3,47 +3,48 @@
 use half::f16;
 use std::borrow::Cow;
 
-use super::super::fault::{Fault, malformed};
 use super::header::{Element, Encoding, Header, Kind, Property};
+use super::{Fault, malformed};
 
 /// Position of a property in a row.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Slot {
+pub(crate) struct Slot {
     offset: usize,
     kind: Kind,
     big: bool,
 }
 
 impl Slot {
-    /// The value as f32 (doubles and 32-bit integers are rounded).
+    /// The value.
     #[inline]
-    pub(super) fn float(self, row: &[u8]) -> f32 {
+    pub(crate) fn value(self, row: &[u8]) -> f64 {
         match self.kind {
-            Kind::F32 => f32::from_bits(u32::from_le_bytes(self.bytes(row))),
-            Kind::F16 => f16::from_le_bytes(self.bytes(row)).to_f32(),
-            Kind::F64 => f64::from_le_bytes(self.bytes(row)) as f32,
-            Kind::I8 => f32::from(i8::from_le_bytes(self.bytes(row))),
-            Kind::U8 => f32::from(u8::from_le_bytes(self.bytes(row))),
-            Kind::I16 => f32::from(i16::from_le_bytes(self.bytes(row))),
-            Kind::U16 => f32::from(u16::from_le_bytes(self.bytes(row))),
-            Kind::I32 => i32::from_le_bytes(self.bytes(row)) as f32,
-            Kind::U32 => u32::from_le_bytes(self.bytes(row)) as f32,
+            Kind::F32 => f64::from(f32::from_le_bytes(self.bytes(row))),
+            Kind::F16 => f64::from(f16::from_le_bytes(self.bytes(row))),
+            Kind::F64 => f64::from_le_bytes(self.bytes(row)),
+            Kind::I8 => f64::from(i8::from_le_bytes(self.bytes(row))),
+            Kind::U8 => f64::from(u8::from_le_bytes(self.bytes(row))),
+            Kind::I16 => f64::from(i16::from_le_bytes(self.bytes(row))),
+            Kind::U16 => f64::from(u16::from_le_bytes(self.bytes(row))),
+            Kind::I32 => f64::from(i32::from_le_bytes(self.bytes(row))),
+            Kind::U32 => f64::from(u32::from_le_bytes(self.bytes(row))),
         }
     }
 
-    /// True if the value has more digits than f32.
-    pub(super) fn is_double(self) -> bool {
-        self.kind == Kind::F64
+    /// The value as f32 (doubles and 32-bit integers are rounded).
+    #[inline]
+    pub(crate) fn float(self, row: &[u8]) -> f32 {
+        if self.kind == Kind::F32 { f32::from_le_bytes(self.bytes(row)) } else { self.value(row) as f32 }
     }
 
-    /// The value of a double.
-    pub(super) fn double(self, row: &[u8]) -> f64 {
-        f64::from_le_bytes(self.bytes(row))
+    /// Its type.
+    pub(crate) fn kind(self) -> Kind {
+        self.kind
     }
 
     /// The number that stands for white: by the type of a whole number; floats are shares of it, or count to 255 if `brightest` is
     /// more than a share.
-    pub(super) fn white(self, brightest: f32) -> f32 {
+    pub(crate) fn white(self, brightest: f32) -> f32 {
         match self.kind {
             Kind::U16 | Kind::I16 => 65535.0,
             kind if kind.is_integer() || brightest > 2.0 => 255.0,
@@ -53,7 +54,7 @@ impl Slot {
 
     /// The bits of a 32-bit value.
     #[inline]
-    pub(super) fn bits(self, row: &[u8]) -> u32 {
+    pub(crate) fn bits(self, row: &[u8]) -> u32 {
         u32::from_le_bytes(self.bytes(row))
     }
 
@@ -70,37 +71,37 @@ impl Slot {
 }
 
 /// The rows of one element.
-pub(super) struct Table<'a> {
+pub(crate) struct Table<'a> {
     element: &'a Element,
     rows: Cow<'a, [u8]>,
     big: bool,
     /// Bytes of a row, at least 1.
-    pub(super) stride: usize,
+    pub(crate) stride: usize,
 }
 
 impl Table<'_> {
     /// The element's name in the header.
-    pub(super) fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &str {
         &self.element.name
     }
 
     /// Number of rows.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.rows.len() / self.stride
     }
 
     /// All rows, `stride` bytes each.
-    pub(super) fn rows(&self) -> &[u8] {
+    pub(crate) fn rows(&self) -> &[u8] {
         &self.rows
     }
 
     /// The scalar properties' names.
-    pub(super) fn names(&self) -> impl Iterator<Item = &str> {
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         self.element.properties.iter().filter(|p| p.list.is_none()).map(|p| p.name.as_str())
     }
 
     /// The position of the scalar property `name`, if there is one.
-    pub(super) fn find(&self, name: &str) -> Option<Slot> {
+    pub(crate) fn find(&self, name: &str) -> Option<Slot> {
         let mut offset = 0;
         for property in self.element.properties.iter().filter(|p| p.list.is_none()) {
             if property.name == name {
@@ -112,7 +113,7 @@ impl Table<'_> {
     }
 
     /// The position of a property that must exist.
-    pub(super) fn slot(&self, name: &str) -> Result<Slot, Fault> {
+    pub(crate) fn slot(&self, name: &str) -> Result<Slot, Fault> {
         self.find(name).ok_or_else(|| {
             malformed(
                 format!("element {}", self.name()),
@@ -122,7 +123,7 @@ impl Table<'_> {
     }
 
     /// The position of a 32-bit integer property that must exist.
-    pub(super) fn packed(&self, name: &str) -> Result<Slot, Fault> {
+    pub(crate) fn packed(&self, name: &str) -> Result<Slot, Fault> {
         let slot = self.slot(name)?;
         if matches!(slot.kind, Kind::U32 | Kind::I32) {
             return Ok(slot);
@@ -135,7 +136,7 @@ impl Table<'_> {
 }
 
 /// The tables of the elements named in `wanted`, in file order, and the number of bytes after the last element.
-pub(super) fn tables<'a>(bytes: &'a [u8], header: &'a Header, wanted: &[&str]) -> Result<(Vec<Table<'a>>, u64), Fault> {
+pub(crate) fn tables<'a>(bytes: &'a [u8], header: &'a Header, wanted: &[&str]) -> Result<(Vec<Table<'a>>, u64), Fault> {
     let mut found: Vec<Table<'a>> = Vec::new();
     let mut body = Body { bytes, at: header.body };
     let big = header.encoding == Encoding::Big;

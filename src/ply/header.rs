@@ -2,12 +2,11 @@
 
 use std::borrow::Cow;
 
-use super::super::fault::{Fault, malformed};
-use super::super::render_mode::Tag;
+use super::{Fault, malformed};
 
 /// Encoding of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Encoding {
+pub(crate) enum Encoding {
     Ascii,
     Little,
     Big,
@@ -15,7 +14,7 @@ pub(super) enum Encoding {
 
 /// A scalar type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     I8,
     U8,
     I16,
@@ -44,7 +43,7 @@ impl Kind {
     }
 
     /// Bytes of one value.
-    pub(super) fn size(self) -> usize {
+    pub(crate) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 | Self::F16 => 2,
@@ -54,55 +53,56 @@ impl Kind {
     }
 
     /// True if values have no fraction.
-    pub(super) fn is_integer(self) -> bool {
+    pub(crate) fn is_integer(self) -> bool {
         !matches!(self, Self::F16 | Self::F32 | Self::F64)
     }
 }
 
 /// One property of an element; `list` is the type of a list's count.
 #[derive(Clone, Debug)]
-pub(super) struct Property {
-    pub(super) name: String,
-    pub(super) kind: Kind,
-    pub(super) list: Option<Kind>,
+pub(crate) struct Property {
+    pub(crate) name: String,
+    pub(crate) kind: Kind,
+    pub(crate) list: Option<Kind>,
 }
 
 /// One element: `count` rows of `properties`.
 #[derive(Clone, Debug)]
-pub(super) struct Element {
-    pub(super) name: String,
-    pub(super) count: u64,
-    pub(super) properties: Vec<Property>,
+pub(crate) struct Element {
+    pub(crate) name: String,
+    pub(crate) count: u64,
+    pub(crate) properties: Vec<Property>,
 }
 
 impl Element {
     /// True if every row has the same number of values.
-    pub(super) fn is_fixed(&self) -> bool {
+    pub(crate) fn is_fixed(&self) -> bool {
         self.properties.iter().all(|property| property.list.is_none())
     }
 
     /// Bytes of a binary row, lists left out.
-    pub(super) fn stride(&self) -> usize {
+    pub(crate) fn stride(&self) -> usize {
         self.properties.iter().filter(|p| p.list.is_none()).map(|p| p.kind.size()).sum()
     }
 }
 
 /// A parsed header.
 #[derive(Clone, Debug)]
-pub(super) struct Header {
-    pub(super) encoding: Encoding,
-    pub(super) elements: Vec<Element>,
-    pub(super) tag: Tag,
+pub(crate) struct Header {
+    pub(crate) encoding: Encoding,
+    pub(crate) elements: Vec<Element>,
+    /// Each comment's words, one space between them.
+    pub(crate) comments: Vec<String>,
     /// Byte offset of the body.
-    pub(super) body: usize,
+    pub(crate) body: usize,
 }
 
 impl Header {
     /// Parses the lines up to and with `end_header`; line ends may be LF or CR LF.
-    pub(super) fn parse(bytes: &[u8]) -> Result<Self, Fault> {
+    pub(crate) fn parse(bytes: &[u8]) -> Result<Self, Fault> {
         let mut encoding = None;
         let mut elements: Vec<Element> = Vec::new();
-        let mut tag = Tag::default();
+        let mut comments = Vec::new();
         let mut at = 0;
         let mut number = 0;
         loop {
@@ -123,7 +123,7 @@ impl Header {
             match words.as_slice() {
                 ["ply"] if number == 1 => {}
                 [] | ["obj_info", ..] => {}
-                ["comment", words @ ..] => tag.comment(words),
+                ["comment", words @ ..] => comments.push(words.join(" ")),
                 ["format", name, ..] => {
                     encoding = Some(match *name {
                         "ascii" => Encoding::Ascii,
@@ -151,7 +151,7 @@ impl Header {
                 }
                 ["end_header"] => {
                     let Some(encoding) = encoding else { return bad("no `format` line before the end") };
-                    return Ok(Self { encoding, elements, tag, body: at + end + 1 });
+                    return Ok(Self { encoding, elements, comments, body: at + end + 1 });
                 }
                 _ => return bad("unknown keyword"),
             }
