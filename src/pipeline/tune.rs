@@ -130,9 +130,7 @@ fn scene(scale: &Scale) -> (Gaussians, Photo) {
 }
 
 fn median(values: &[f64]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied()
+    crate::scene::median(&mut values.to_vec())
 }
 
 /// Rounds of turns of some subjects, forth and back, until enough or until the time is over, one at least: their times divided by

@@ -39,7 +39,7 @@ use decode::LoadedPhotos;
 pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
-pub use median::median;
+pub(crate) use median::median;
 pub use overlap::Overlap;
 pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};

@@ -59,9 +59,26 @@ impl Files {
         self.folder.join("work").join(format!("{}-{}", self.hash, task.to_string().replace('/', "-")))
     }
 
+    /// A file that a task wrote, by a parser that is given its bytes, the plan's hash and the task's name.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Part`] if it is damaged or belongs to another plan or task.
+    fn read<T>(
+        &self,
+        path: PathBuf,
+        task: Task,
+        parse: impl Fn(&[u8], &str, &str) -> Result<T, String>,
+    ) -> Result<T, Error> {
+        let task = task.to_string();
+        match std::fs::read(&path) {
+            Ok(bytes) => parse(&bytes, &self.hash, &task).map_err(|what| Error::Part { path, what, task }),
+            Err(source) => Err(Error::Read { path, source }),
+        }
+    }
+
     /// The responses that a task wrote, for `n` Gaussians.
     pub fn part(&self, task: Task, n: usize) -> Result<Stored, Error> {
-        Part::read(&self.first(task), n, &self.hash, &task.to_string())
+        self.read(self.first(task), task, |bytes, plan, task| Part::parse(bytes, n, plan, task))
     }
 
     /// The bytes of responses.
@@ -71,7 +88,7 @@ impl Files {
 
     /// The figures that a task wrote.
     pub fn sealed<T: DeserializeOwned>(&self, task: Task) -> Result<T, Error> {
-        sealed::read(&self.last(task), &self.hash, &task.to_string())
+        self.read(self.last(task), task, sealed::parse)
     }
 
     /// The bytes of a task's figures.
@@ -84,11 +101,11 @@ impl Files {
         let path = self.first(task);
         let mut snapshot = Snapshot::read(&path)?;
         let notes = NOTES.map(|name| snapshot.notes.remove(name).unwrap_or_default());
-        if notes != [self.hash.clone(), task.to_string()] {
-            let what = format!("it belongs to another plan, or is the part of {}", notes[1]);
-            return Err(Error::Part { path, what, task: task.to_string() });
+        let task = task.to_string();
+        match sealed::check(notes.each_ref().map(String::as_str), [&self.hash, &task]) {
+            Ok(()) => Ok(snapshot),
+            Err(what) => Err(Error::Part { path, what, task }),
         }
-        Ok(snapshot)
     }
 
     /// The bytes of a training state.

@@ -1,13 +1,13 @@
 //! The file of a chunk's responses: rows of the Gaussians that its views show, with the plan's hash and a checksum.
 
+use super::sealed;
 use crate::gaussians::formats::crc32;
 use crate::job::Error;
 use crate::response::{CHANNELS, Responses, Score};
-use bytemuck::{cast_slice, cast_slice_mut};
+use bytemuck::{cast_slice, cast_slice_mut, pod_collect_to_vec};
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::HashMap;
-use std::path::Path;
 
 /// Words of a score.
 const SCORES: usize = size_of::<Score>() / size_of::<u32>();
@@ -96,41 +96,21 @@ impl Part {
         safetensors::serialize(views, Some(notes)).map_err(|e| Error::encoding("a part", e))
     }
 
-    /// Reads a part for `n` Gaussians that task `task` of plan `plan` wrote.
-    ///
-    /// # Errors
-    /// [`Error::Read`]; [`Error::Part`] if it is damaged or belongs to another plan or task.
-    pub fn read(path: &Path, n: usize, plan: &str, task: &str) -> Result<Stored, Error> {
-        let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
-        Self::parse(&bytes, n, plan, task).map_err(|what| Error::Part {
-            path: path.to_owned(),
-            what,
-            task: task.to_owned(),
-        })
-    }
-
-    fn parse(bytes: &[u8], n: usize, plan: &str, task: &str) -> Result<Stored, String> {
+    /// The content of a part for `n` Gaussians that task `task` of plan `plan` wrote, or what is wrong with it.
+    pub fn parse(bytes: &[u8], n: usize, plan: &str, task: &str) -> Result<Stored, String> {
         let file = SafeTensors::deserialize(bytes).map_err(|e| format!("it is damaged: {e}"))?;
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(|e| format!("it is damaged: {e}"))?;
         let notes = header.metadata().as_ref().and_then(|notes| notes.get("part")).ok_or("it has no notes")?;
         let notes: Vec<(String, String)> = serde_json::from_str(notes).map_err(|e| format!("its notes: {e}"))?;
         let note = |name: &str| notes.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text);
-        if note("plan") != plan {
-            return Err("it belongs to another plan".to_owned());
-        }
-        if note("task") != task {
-            return Err(format!("it is the part of {}", note("task")));
-        }
+        sealed::check([note("plan"), note("task")], [plan, task])?;
         let array = |name: &str| file.tensor(name).map(|t| t.data()).map_err(|e| format!("{name}: {e}"));
         let arrays = [("channels", array("channels")?), ("index", array("index")?), ("scores", array("scores")?)];
         let sum = checksum(arrays.into_iter().chain([("plan", plan.as_bytes()), ("task", task.as_bytes())]));
         if note("crc32") != sum.to_string() {
-            return Err("its checksum is not that of its content: it is damaged".to_owned());
+            return Err(sealed::DAMAGED.to_owned());
         }
-        let words = |bytes: &[u8]| -> Vec<u32> {
-            bytes.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
-        };
-        let [channels, index, scores] = arrays.map(|(_, bytes)| words(bytes));
+        let [channels, index, scores] = arrays.map(|(_, bytes)| pod_collect_to_vec::<u8, u32>(bytes));
         let fits = |rows: &[u32], width: usize| rows.is_empty() || rows.len() == width * index.len();
         if index.iter().any(|i| *i as usize >= n) || !fits(&channels, CHANNELS) || !fits(&scores, SCORES) {
             return Err("its arrays do not agree".to_owned());

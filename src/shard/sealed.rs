@@ -5,7 +5,9 @@ use crate::job::Error;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::path::Path;
+
+/// What is wrong with a file whose checksum is another's.
+pub(super) const DAMAGED: &str = "its checksum is not that of its content: it is damaged";
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Sealed {
@@ -27,25 +29,23 @@ pub(super) fn bytes(plan: &str, task: &str, content: &impl Serialize) -> Result<
     serde_json::to_vec_pretty(&sealed).map_err(encoding)
 }
 
-/// The content of a file that task `task` of plan `plan` wrote.
-///
-/// # Errors
-/// [`Error::Read`]; [`Error::Part`] if it is damaged or belongs to another plan or task.
-pub(super) fn read<T: DeserializeOwned>(path: &Path, plan: &str, task: &str) -> Result<T, Error> {
-    let bytes = std::fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
-    parse(&bytes, plan, task).map_err(|what| Error::Part { path: path.to_owned(), what, task: task.to_owned() })
-}
-
-fn parse<T: DeserializeOwned>(bytes: &[u8], plan: &str, task: &str) -> Result<T, String> {
-    let sealed: Sealed = serde_json::from_slice(bytes).map_err(|e| format!("it is damaged: {e}"))?;
-    if sealed.plan != plan {
+/// Checks the plan and the task that a file names.
+pub(super) fn check(named: [&str; 2], wanted: [&str; 2]) -> Result<(), String> {
+    if named[0] != wanted[0] {
         return Err("it belongs to another plan".to_owned());
     }
-    if sealed.task != task {
-        return Err(format!("it is the part of {}", sealed.task));
+    if named[1] != wanted[1] {
+        return Err(format!("it is the part of {}", named[1]));
     }
+    Ok(())
+}
+
+/// The content of a file that task `task` of plan `plan` wrote, or what is wrong with it.
+pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8], plan: &str, task: &str) -> Result<T, String> {
+    let sealed: Sealed = serde_json::from_slice(bytes).map_err(|e| format!("it is damaged: {e}"))?;
+    check([&sealed.plan, &sealed.task], [plan, task])?;
     if sealed.crc32 != checksum(&sealed.content) {
-        return Err("its checksum is not that of its content: it is damaged".to_owned());
+        return Err(DAMAGED.to_owned());
     }
     serde_json::from_value(sealed.content).map_err(|e| format!("it is damaged: {e}"))
 }

@@ -6,6 +6,7 @@
 use super::rates::Pressure;
 use super::selection;
 use crate::gaussians::opacity;
+use crate::scene::median;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
@@ -101,12 +102,7 @@ impl AttritionState {
         // The size of a typical gradient. Adam's steps do not depend on its unit, so without gradients any value will
         // do.
         let mut sizes: Vec<f64> = moments.iter().map(|m| f64::from(m[1])).filter(|v| v.is_normal()).collect();
-        let middle = sizes.len() / 2;
-        let size = if sizes.is_empty() {
-            1e-9
-        } else {
-            (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / correction).sqrt()
-        };
+        let size = median(&mut sizes).map_or(1e-9, |median| (median / correction).sqrt());
         let steps = settings.opacity_rate.max(1e-6) * f64::from((last - from).max(1));
         Self {
             settings,

@@ -39,6 +39,22 @@ fn without_sentinel(device: &Device, buffer: &Buffer<u32>) -> Vec<u32> {
     all
 }
 
+fn run(device: &Device, record: impl FnOnce(&mut Recording)) {
+    let mut recording = Recording::new();
+    record(&mut recording);
+    device.run(recording).unwrap();
+}
+
+/// The sums of the words before each, and of all.
+fn sums_before(words: impl IntoIterator<Item = u32>) -> (Vec<u32>, u32) {
+    let mut sum = 0;
+    let next = |word| {
+        sum += word;
+        sum - word
+    };
+    (words.into_iter().map(next).collect(), sum)
+}
+
 #[test]
 fn scan_is_exact() {
     let device = device();
@@ -46,27 +62,18 @@ fn scan_is_exact() {
     let two_rounds = (device.tuning().scan_workgroup + 1) * Scan::block(&device);
     for n in sizes(&device).into_iter().chain([two_rounds]) {
         let data: Vec<u32> = (0..n).map(|i| noise(1, u64::from(i)) % 1000).collect();
-        let mut sum = 0;
-        let mut expected = Vec::with_capacity(data.len());
-        for v in &data {
-            expected.push(sum);
-            sum += v;
-        }
+        let (expected, sum) = sums_before(data.iter().copied());
         let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
         for capacity in [n, many_blocks(&device)] {
             let source = with_sentinel(&device, &data);
             let target = with_sentinel(&device, &vec![7; n as usize]);
             let total = Count::new(&device, "total", u32::MAX, &[]).unwrap();
             let scan = Scan::new(&device, capacity).unwrap();
-            let mut recording = Recording::new();
-            scan.record(&mut recording, &count, (&source).into(), &target, Some(&total));
-            device.run(recording).unwrap();
+            run(&device, |recording| scan.record(recording, &count, (&source).into(), &target, Some(&total)));
             assert_eq!(without_sentinel(&device, &target), expected, "n = {n} of {capacity}");
             assert_eq!(total.value.read(&device).unwrap(), [sum; 2], "n = {n} of {capacity}");
             // In place, without a total.
-            let mut recording = Recording::new();
-            scan.record(&mut recording, &count, (&source).into(), &source, None);
-            device.run(recording).unwrap();
+            run(&device, |recording| scan.record(recording, &count, (&source).into(), &source, None));
             assert_eq!(without_sentinel(&device, &source), expected, "n = {n} of {capacity}, in place");
         }
     }
@@ -104,9 +111,7 @@ fn totals_saturate() {
         for capacity in [n, many_blocks(&device)] {
             let scan = Scan::new(&device, capacity).unwrap();
             let fits = Count::new(&device, "fits", u32::MAX - 1, &[]).unwrap();
-            let mut recording = Recording::new();
-            scan.record(&mut recording, &count, (&source).into(), &target, Some(&fits));
-            device.run(recording).unwrap();
+            run(&device, |recording| scan.record(recording, &count, (&source).into(), &target, Some(&fits)));
             let valid = if expected == u32::MAX { 0 } else { expected };
             assert_eq!(fits.value.read(&device).unwrap(), [valid, expected], "{n} words of {capacity}");
         }
@@ -205,55 +210,43 @@ fn scan_of_gathered_words() {
     for n in sizes(&device) {
         let source: Vec<u32> = (0..1000).map(|i| noise(8, i) % 1000).collect();
         let indices: Vec<u32> = (0..n).map(|i| noise(9, u64::from(i)) % 1000).collect();
-        let mut sum = 0;
-        let mut expected = Vec::with_capacity(n as usize);
-        for i in &indices {
-            expected.push(sum);
-            sum += source[*i as usize];
-        }
+        let (expected, sum) = sums_before(indices.iter().map(|i| source[*i as usize]));
         let count = Count::known(&device, "n", n, &[Scan::block(&device)]).unwrap();
         let total = Count::new(&device, "total", 1000 * n, &[64]).unwrap();
         let (source, indices) = (with_sentinel(&device, &source), with_sentinel(&device, &indices));
         let target = with_sentinel(&device, &vec![9; n as usize]);
         let words = Words { source: &source, indices: Some(&indices) };
         let scan = Scan::new(&device, n).unwrap();
-        let mut recording = Recording::new();
-        scan.record(&mut recording, &count, words, &target, Some(&total));
-        device.run(recording).unwrap();
+        run(&device, |recording| scan.record(recording, &count, words, &target, Some(&total)));
         assert_eq!(without_sentinel(&device, &target), expected, "n = {n}");
         assert_eq!(total.value.read(&device).unwrap(), [sum; 2], "n = {n}");
     }
     finish(&device);
 }
 
+/// Segments of these lengths, one after the other, of rows of `width` floats: ordered sums are exact to the bit.
+fn check_segments(device: &Device, lengths: &[u32], width: u32) {
+    let (starts, rows) = sums_before(lengths.iter().copied());
+    let rows: Vec<f32> = (0..rows * width).map(|i| noise(5, u64::from(i)) as f32 * 1e-9 - 2.0).collect();
+    let count = Count::known(device, "segments", lengths.len() as u32, &[]).unwrap();
+    let sums = device.buffer::<f32>("sums", lengths.len() * width as usize).unwrap();
+    let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", lengths).unwrap());
+    let rows_d = device.upload("rows", &rows).unwrap();
+    let segments = Segments { starts: &starts_d, lengths: &lengths_d };
+    run(device, |recording| segmented_sum(recording, &count, segments, &rows_d, &sums, width));
+    let column = |s: usize, c: u32| (starts[s]..starts[s] + lengths[s]).map(move |r| (r * width + c) as usize);
+    let sum = |s: usize, c: u32| column(s, c).fold(0.0, |sum: f32, i| sum + rows[i]);
+    let expected: Vec<f32> =
+        (0..lengths.len()).flat_map(|s| (0..width).map(move |c| (s, c))).map(|(s, c)| sum(s, c)).collect();
+    assert_eq!(sums.read(device).unwrap(), expected);
+}
+
+/// One Gaussian may have a slot in every tile, and its neighbours none.
 #[test]
 fn segmented_sum_over_runs() {
     let device = device();
-    // Segments of 0, 1, 2, ... rows; three floats per row.
-    let lengths: Vec<u32> = (0..200).collect();
-    let starts: Vec<u32> = lengths
-        .iter()
-        .scan(0, |s, l| {
-            *s += l;
-            Some(*s - l)
-        })
-        .collect();
-    let rows: Vec<f32> = (0..lengths.iter().sum::<u32>() * 3).map(|i| noise(5, u64::from(i)) as f32 * 1e-9).collect();
-    let count = Count::known(&device, "segments", 200, &[]).unwrap();
-    let sums = device.buffer::<f32>("sums", 600).unwrap();
-    let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", &lengths).unwrap());
-    let rows_d = device.upload("rows", &rows).unwrap();
-    let mut recording = Recording::new();
-    let segments = Segments { starts: &starts_d, lengths: &lengths_d };
-    segmented_sum(&mut recording, &count, segments, &rows_d, &sums, 3);
-    device.run(recording).unwrap();
-    let expected: Vec<f32> = (0..600)
-        .map(|i| {
-            let (s, c) = (i / 3, i % 3);
-            (starts[s]..starts[s] + lengths[s]).map(|r| rows[r as usize * 3 + c]).sum::<f32>()
-        })
-        .collect();
-    assert_eq!(sums.read(&device).unwrap(), expected, "ordered sums are exact to the bit");
+    check_segments(&device, &(0..200).collect::<Vec<_>>(), 3);
+    check_segments(&device, &[0, 100_003, 0, 0, 1], 1);
     finish(&device);
 }
 
@@ -266,32 +259,10 @@ fn compact_reads_no_flag_beyond_the_count() {
     let count = Count::known(&device, "count", 40, &[Scan::block(&device)]).unwrap();
     let total = Count::new(&device, "total", 64, &[]).unwrap();
     let scan = Scan::new(&device, 64).unwrap();
-    let mut recording = Recording::new();
-    compact(&mut recording, &scan, &count, [&flags, &keys], &kept, &total);
-    device.run(recording).unwrap();
+    run(&device, |recording| compact(recording, &scan, &count, [&flags, &keys], &kept, &total));
     let expected: Vec<u32> = (0..64).map(|i| if i < 40 { i } else { u32::MAX }).collect();
     assert_eq!(kept.values.read(&device).unwrap(), expected);
     assert_eq!(total.value.read(&device).unwrap(), [40, 40]);
-    finish(&device);
-}
-
-/// One Gaussian may have a slot in every tile, and its neighbours none.
-#[test]
-fn one_segment_may_be_everything() {
-    let device = device();
-    let lengths = [0_u32, 100_003, 0, 0, 1];
-    let starts = [0_u32, 0, 100_003, 100_003, 100_003];
-    let rows: Vec<f32> = (0..100_004).map(|i| noise(6, i) as f32 * 1e-9 - 2.0).collect();
-    let count = Count::known(&device, "segments", 5, &[]).unwrap();
-    let sums = device.buffer::<f32>("sums", 5).unwrap();
-    let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", &lengths).unwrap());
-    let rows_d = device.upload("rows", &rows).unwrap();
-    let mut recording = Recording::new();
-    let segments = Segments { starts: &starts_d, lengths: &lengths_d };
-    segmented_sum(&mut recording, &count, segments, &rows_d, &sums, 1);
-    device.run(recording).unwrap();
-    let long = rows[..100_003].iter().fold(0.0, |s: f32, r| s + r);
-    assert_eq!(sums.read(&device).unwrap(), [0.0, long, 0.0, 0.0, rows[100_003]], "to the bit, in order");
     finish(&device);
 }
 
@@ -306,9 +277,7 @@ fn reduce_counts_every_element_once() {
         source.extend([[f32::NAN; 4]; 3]); // beyond the count: must not be included in the sum
         let source = device.upload("source", &source).unwrap();
         let sum = device.upload("sum", &[[f32::NAN; 4]]).unwrap();
-        let mut recording = Recording::new();
-        reduce(&mut recording, &source, n, &sum);
-        device.run(recording).unwrap();
+        run(&device, |recording| reduce(recording, &source, n, &sum));
         assert_eq!(sum.read(&device).unwrap(), [expected], "n = {n}");
     }
     finish(&device);
@@ -318,9 +287,7 @@ fn reduce_counts_every_element_once() {
 fn a_count_beyond_its_limit_becomes_zero_and_is_remembered() {
     let device = device();
     let count = Count::new(&device, "pairs", 100, &[]).unwrap();
-    let mut recording = Recording::new();
-    count.set(&mut recording, 5000);
-    device.run(recording).unwrap();
+    run(&device, |recording| count.set(recording, 5000));
     assert_eq!(count.value.read(&device).unwrap(), [0, 5000]);
     assert_eq!(WORKGROUP, 256);
     finish(&device);

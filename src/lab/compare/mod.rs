@@ -18,6 +18,7 @@ use crate::pipeline::evaluate::Evaluator;
 use crate::pipeline::prepare::Prepared;
 use crate::pipeline::setup::{Setup, tuned};
 use crate::pipeline::start::Start;
+use crate::scene::median;
 use std::path::{Path, PathBuf};
 
 /// Writes `compare.html` of a comparison into its folder.
@@ -181,8 +182,7 @@ fn frame_rates(setup: &Setup<'_>, arms: &mut [ArmRecord], folder: &Path) -> Resu
         }
     }
     for (arm, mut rates) in arms.iter_mut().zip(rates) {
-        rates.sort_by(f64::total_cmp);
-        arm.fps = rates.get(rates.len() / 2).copied();
+        arm.fps = median(&mut rates);
     }
     Ok(())
 }

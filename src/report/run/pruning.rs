@@ -68,15 +68,11 @@ pub fn one(prune: &PruneRecord) -> Markup {
     }
 }
 
-fn number(v: f64) -> String {
-    short(v)
-}
-
 fn kept_shares(prune: &PruneRecord) -> Markup {
     let name = |bin: usize| format!("{}–{}", 10 * bin, 10 * bin + 10);
     let bins: Vec<(String, f64)> = prune.kept_shares.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
     let (x, y) = ("share of a block that was kept / %", Axis::from_zero("blocks"));
-    Columns { title: "Share kept", x, y, bins: &bins, text: number }.draw()
+    Columns { title: "Share kept", x, y, bins: &bins, text: short }.draw()
 }
 
 fn times(s: &PruneSeconds) -> Markup {

@@ -2,6 +2,7 @@
 //! many values makes every byte equally frequent, and leaves rare, large values without entries. Only where 256 steps do not reach
 //! from the least to the greatest value do they grow with the distance from the median.
 
+use crate::scene::median;
 use serde_json::{Value, json};
 
 /// Entries of a codebook.
@@ -79,11 +80,7 @@ impl Book {
 /// The least, median and greatest of the finite values.
 fn limits(values: impl Iterator<Item = f32>) -> Option<[f64; 3]> {
     let mut finite: Vec<f32> = values.filter(|v| v.is_finite()).collect();
-    if finite.is_empty() {
-        return None;
-    }
-    let middle = finite.len() / 2;
-    let median = *finite.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let median = median(&mut finite)?;
     let (low, high) = finite.iter().fold((f32::MAX, f32::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
     Some([low, median, high].map(f64::from))
 }

@@ -6,6 +6,7 @@
 use super::super::Gaussians;
 use super::super::fault::Fault;
 use super::super::weight::{size, weight};
+use crate::scene::median;
 use rayon::prelude::*;
 
 /// The greatest number that is stored.
@@ -78,12 +79,7 @@ impl Means {
     fn refuse_coarse(&self, model: &Gaussians) -> Result<(), Fault> {
         let step = self.axes.iter().fold(0.0, |step, axis| axis.step.max(step));
         let mut moves: Vec<f64> = (0..model.len()).map(|i| 0.5 * step / size(model, i, 2)).collect();
-        if moves.is_empty() {
-            return Ok(());
-        }
-        let middle = moves.len() / 2;
-        let median = *moves.select_nth_unstable_by(middle, f64::total_cmp).1;
-        if median > 1.0 {
+        if let Some(median) = median(&mut moves).filter(|median| *median > 1.0) {
             return Err(Fault::Unsupported(format!(
                 "SOG's 16 bits would move the median Gaussian by {median:.1} of its size; remove far Gaussians or write .ply"
             )));

@@ -14,6 +14,7 @@ use super::super::fault::Fault;
 use super::super::weight::weight;
 use super::super::{Gaussians, Ladder, Precision, RenderMode, SpzPrecision, SpzVersion};
 use super::{COLOUR_SCALE, FLAG_ANTIALIASED, HEADER, MAGIC};
+use crate::scene::median;
 
 /// Greatest magnitude of a 24-bit coordinate.
 const FIXED_MAX: f32 = 8_388_607.0;
@@ -113,11 +114,9 @@ fn fractional_bits(model: &Gaussians) -> Result<i32, Fault> {
         )));
     }
     let mut sizes: Vec<f32> = model.log_scales.iter().map(|s| s.iter().fold(f32::MIN, |a, &b| a.max(b))).collect();
-    if sizes.is_empty() {
+    let Some(median) = median(&mut sizes).map(|size| size / std::f32::consts::LN_2) else {
         return Ok(DEFAULT_FRACTIONAL_BITS);
-    }
-    let middle = sizes.len() / 2;
-    let median = *sizes.select_nth_unstable_by(middle, f32::total_cmp).1 / std::f32::consts::LN_2;
+    };
     let fit = if reach > 0.0 { (FIXED_MAX / reach).log2().floor() as i32 } else { MAX_FRACTIONAL_BITS };
     let bits = ((4.0 - median).ceil() as i32).clamp(DEFAULT_FRACTIONAL_BITS, MAX_FRACTIONAL_BITS).min(fit);
     if (bits as f32) < -median {
