@@ -7,10 +7,11 @@ use std::marker::PhantomData;
 use std::ops::Deref;
 
 use serde::Deserialize;
-use serde::de::{self, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::de::{self, Deserializer, IgnoredAny, SeqAccess, Visitor};
+use serde_json::value::RawValue;
 
 use super::super::fault::{Fault, malformed};
-use super::{AGAIN, TAG};
+use super::AGAIN;
 
 /// Most entries of a list: a short `{}` in the file is a long record in memory.
 const MOST: usize = 1 << 16;
@@ -167,8 +168,9 @@ pub(super) struct Primitive<'a> {
     pub attributes: BTreeMap<Cow<'a, str>, usize>,
     #[serde(borrow, default)]
     pub extensions: Extensions<'a>,
-    #[serde(default)]
-    pub extras: Extras,
+    /// Anything.
+    #[serde(borrow)]
+    pub extras: Option<&'a RawValue>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -219,58 +221,6 @@ pub(super) struct Node {
 pub(super) struct Scene {
     #[serde(default)]
     pub nodes: Vec<usize>,
-}
-
-/// The fields of `extras` that we read; `extras` may contain anything.
-#[derive(Debug, Default)]
-pub(super) struct Extras {
-    pub mode: Option<String>,
-}
-
-impl<'de> Deserialize<'de> for Extras {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Anything;
-        /// One of JSON's simple values.
-        macro_rules! passed_over {
-            ($($visit:ident: $kind:ty),*) => {
-                $(fn $visit<E: de::Error>(self, _: $kind) -> Result<Extras, E> {
-                    Ok(Extras::default())
-                })*
-            };
-        }
-        impl<'de> Visitor<'de> for Anything {
-            type Value = Extras;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("anything")
-            }
-
-            passed_over!(visit_bool: bool, visit_i64: i64, visit_u64: u64, visit_f64: f64, visit_str: &str);
-
-            fn visit_unit<E: de::Error>(self) -> Result<Extras, E> {
-                Ok(Extras::default())
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<Extras, A::Error> {
-                while entries.next_element::<IgnoredAny>()?.is_some() {}
-                Ok(Extras::default())
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut entries: A) -> Result<Extras, A::Error> {
-                let mut extras = Extras::default();
-                while let Some(key) = entries.next_key::<Cow<'de, str>>()? {
-                    if key == TAG {
-                        let value: serde_json::Value = entries.next_value()?;
-                        extras.mode = Some(value.as_str().map_or_else(|| value.to_string(), str::to_owned));
-                    } else {
-                        entries.next_value::<IgnoredAny>()?;
-                    }
-                }
-                Ok(extras)
-            }
-        }
-        deserializer.deserialize_any(Anything)
-    }
 }
 
 /// Parses the JSON.

@@ -8,6 +8,16 @@ use super::container::Store;
 use super::document::Primitive;
 use super::{AGAIN, EXTENSION, TAG};
 use crate::gaussians::MAX_SH_DEGREE;
+use serde_json::value::RawValue;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+/// The value of the tag in a primitive's `extras`, as a text.
+fn tag_in(extras: &RawValue) -> Option<String> {
+    let extras: BTreeMap<Cow<'_, str>, &RawValue> = serde_json::from_str(extras.get()).ok()?;
+    let value = extras.get(TAG)?.get();
+    Some(serde_json::from_str(value).unwrap_or_else(|_| value.to_owned()))
+}
 
 /// The Gaussians of a primitive; none if it has no splats.
 pub(super) fn read(
@@ -27,8 +37,8 @@ pub(super) fn read(
         return Ok(Some(model));
     }
     let Some(splats) = &extensions.splats else { return Ok(None) };
-    if let Some(mode) = &primitive.extras.mode {
-        tag.comment(&[&format!("{TAG}:"), mode]);
+    if let Some(mode) = primitive.extras.and_then(tag_in) {
+        tag.comment(&[&format!("{TAG}:"), &mode]);
     }
     let shown = |text: &str| -> String { text.chars().take(40).flat_map(char::escape_debug).collect() };
     match splats.color_space.as_deref() {
