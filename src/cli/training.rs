@@ -88,7 +88,7 @@ fn effects() -> String {
     let names: Vec<&str> = Effect::settable().map(Effect::name).collect();
     format!(
         "Switch an effect on or off, or let the scene decide (auto); repeat it for more effects. Effects: {}. `qirf-vk inspect SCENE` \
-         shows what a scene calls for [default: auto; antialias, depth_order and poses: off]",
+         shows what a scene calls for [default: auto; antialias and depth_order: off]",
         names.join(", ")
     )
 }

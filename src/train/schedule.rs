@@ -265,7 +265,7 @@ mod tests {
     }
 
     fn planned(iterations: u32, steps: u32) -> Schedule {
-        let plan = Growth { gaussians: Some(10_000), steps, absolute: true, sampled: true };
+        let plan = Growth { gaussians: Some(10_000), steps, ..Growth::default() };
         Schedule { growth: Some(plan), ..of(iterations) }
     }
 

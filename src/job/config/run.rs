@@ -37,13 +37,12 @@ impl Preset {
     }
 
     /// The preset's decisions on effects; all others are left to the scene. No anti-aliasing, since viewers draw plain
-    /// models by default; cameras as they are given, since the scores' cameras are as wrong. The paper's preset has degree 3,
-    /// no exposures and no dropout.
+    /// models by default. The paper's preset has degree 3, no exposures, no dropout, and cameras as they are given.
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
         out.set(Effect::Antialias, Choice::Off);
-        out.set(Effect::Poses, Choice::Off);
         if self == Self::Paper {
+            out.set(Effect::Poses, Choice::Off);
             out.set(Effect::Dropout, Choice::Off);
             out.set(Effect::ViewDependence, Choice::On);
             out.set(Effect::Exposure, Choice::Off);
@@ -215,14 +214,14 @@ impl RunConfig {
     }
 
     /// The same run with pruning: densification ends at the first prune. A run that is to keep a given number of Gaussians
-    /// plans to grow to the usual multiple of it, unless told otherwise.
+    /// grows to the usual multiple of it at least: a smaller number does not mean less growth (docs/decisions.md, 159).
     #[must_use]
     pub fn pruned(mut self, pruning: Pruning) -> Self {
         if let Some(first) = pruning.at.first() {
             self.schedule.densify_until = self.schedule.densify_until.min(*first);
         }
         if let (Some(plan), Keep::Count(count)) = (&mut self.schedule.growth, pruning.compression.keep) {
-            plan.gaussians = plan.gaussians.or(Some((count as f64 / Keep::SHARE).ceil() as usize));
+            plan.least = (count as f64 / Keep::SHARE).ceil() as usize;
         }
         self.prune = Some(pruning);
         self
@@ -256,5 +255,27 @@ impl RunConfig {
     /// A run of a preset on a scene called `capture`, without a prune.
     pub(crate) fn sample(preset: Preset) -> Self {
         Self { max_gaussians: 4000, checkpoint_every: 50, ..Self::of("capture".into(), preset) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::config::pruning::PruneRule;
+
+    /// A run to a given number grows to the usual multiple at least, and otherwise as the photos say; cameras are left to
+    /// the scene, except in the paper's preset.
+    #[test]
+    fn defaults_of_presets() {
+        let pixels = [10_000; 100];
+        let grown = |keep| {
+            let compression = PruneRule { keep, ..PruneRule::default() };
+            let run = RunConfig::sample(Preset::Standard).pruned(Pruning { compression, ..Pruning::default() });
+            run.schedule.growth.unwrap().for_photos(&pixels, 30_000).gaussians.unwrap()
+        };
+        let usual = grown(Keep::Share(0.28));
+        assert_eq!((usual, grown(Keep::Count(999)), grown(Keep::Count(84_000))), (173_205, 173_205, 300_000));
+        let cameras = [Preset::Standard, Preset::Quick, Preset::Paper].map(|p| p.effects().allow(Effect::Poses));
+        assert_eq!(cameras, [true, true, false]);
     }
 }

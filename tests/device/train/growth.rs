@@ -61,7 +61,7 @@ fn halves_lie_along_the_longest_axis() {
     model.log_scales[0] = [-3.0; 3];
     let growth_of = |i: usize| growth[i][0] > 0.0 && growth[i][1] > 0.0;
     for (sampled, planned) in [(true, 400), (false, 400), (true, 1_000_000)] {
-        let growth_plan = Growth { gaussians: Some(planned), steps: 15, absolute: true, sampled };
+        let growth_plan = Growth { gaussians: Some(planned), sampled, ..Growth::default() };
         // A step at the end of growth, where the plan is complete.
         let schedule = Schedule { densify_gradient: 1e-30, growth: Some(growth_plan), ..Schedule::default() };
         let step = Step { iteration: 14_900, ..STEP };
