@@ -81,10 +81,14 @@ pub fn same_place(a: &Path, b: &Path) -> bool {
 /// Changes the paths of a scene, a folder or a file, and of its photos and depth maps, where these are not names within it.
 pub fn respell(scene: &mut PathBuf, folders: [&mut Option<PathBuf>; 2], spell: impl Fn(&Path) -> PathBuf) {
     *scene = spell(scene);
-    let root = if scene.is_file() { scene.parent().unwrap_or(scene) } else { scene };
-    for folder in folders.into_iter().flatten().filter(|folder| !root.join(folder).exists()) {
+    for folder in folders.into_iter().flatten().filter(|folder| !within(scene, folder).exists()) {
         *folder = spell(folder);
     }
+}
+
+/// The place that a name within a scene, a folder or a file, stands for.
+pub fn within(scene: &Path, name: &Path) -> PathBuf {
+    if scene.is_file() { scene.with_file_name(name) } else { scene.join(name) }
 }
 
 /// Bytes of a model's file, or of all files in its folder; 0 if there is none.

@@ -2,7 +2,7 @@
 
 use super::run::{Init, RunConfig};
 use crate::effects::Effect;
-use crate::job::output::same_place;
+use crate::job::output::{same_place, within};
 use crate::render::Style;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,8 +18,8 @@ impl RunConfig {
             checkpoint_every: earlier.checkpoint_every,
             tuning: earlier.tuning.clone(),
             scene: respelt(&self.scene, &earlier.scene),
-            images: respelt_if(self.images.as_ref(), earlier.images.as_ref()),
-            depth: respelt_if(self.depth.as_ref(), earlier.depth.as_ref()),
+            images: self.respelt_folder(self.images.as_ref(), earlier.images.as_ref()),
+            depth: self.respelt_folder(self.depth.as_ref(), earlier.depth.as_ref()),
             init: match (&self.init, &earlier.init) {
                 (Init::Model(ours), Init::Model(theirs)) => Init::Model(respelt(ours, theirs)),
                 (ours, _) => ours.clone(),
@@ -53,6 +53,15 @@ impl RunConfig {
         out
     }
 
+    /// As [`respelt`], of folders that may be names within the scene.
+    fn respelt_folder(&self, ours: Option<&PathBuf>, theirs: Option<&PathBuf>) -> Option<PathBuf> {
+        let place = |folder: &PathBuf| {
+            Some(within(&self.scene, folder)).filter(|p| p.exists()).unwrap_or_else(|| folder.clone())
+        };
+        let same = theirs.filter(|theirs| ours.is_some_and(|ours| same_place(&place(ours), &place(theirs))));
+        same.or(ours).cloned()
+    }
+
     /// As [`RunConfig::changes`], before the scene has decided on its effects: `earlier` gives the scene's decisions.
     pub fn changes_before_decisions(&self, earlier: &Self) -> Vec<String> {
         let asked = self.effects.forced(Effect::ViewDependence) == Some(true);
@@ -67,11 +76,6 @@ impl RunConfig {
         };
         ours.changes(earlier)
     }
-}
-
-fn respelt_if(ours: Option<&PathBuf>, theirs: Option<&PathBuf>) -> Option<PathBuf> {
-    let ours = ours?;
-    Some(theirs.map_or_else(|| ours.clone(), |theirs| respelt(ours, theirs)))
 }
 
 /// `theirs` if both are the same place on disk, else `ours`: places are compared, and not their spelling.
@@ -122,6 +126,24 @@ mod tests {
         assert_eq!(dense, ["prune was set, is none"]);
         let paper = RunConfig::sample(Preset::Paper).pruned(Preset::Paper.pruning()).changes(&earlier);
         assert!(paper.len() == LISTED + 1 && paper[LISTED].ends_with(" more"), "{paper:?}");
+    }
+
+    #[test]
+    fn another_spelling_of_a_folder_is_no_change() {
+        let scene = tempfile::tempdir().unwrap();
+        std::fs::create_dir(scene.path().join("images_2")).unwrap();
+        let run = |images: PathBuf| {
+            let images = Some(images);
+            RunConfig {
+                scene: scene.path().to_owned(),
+                depth: images.clone(),
+                images,
+                ..RunConfig::sample(Preset::Quick)
+            }
+        };
+        let [name, path] = ["images_2".into(), scene.path().join("images_2")].map(run);
+        assert!(name.changes(&path).is_empty() && path.changes(&name).is_empty());
+        assert_eq!(run("images_4".into()).changes(&name).len(), 2);
     }
 
     #[test]
