@@ -16,18 +16,23 @@ pub(super) struct Masks {
     folder: Option<PathBuf>,
     index: OnceCell<Index>,
     found: Cell<usize>,
+    /// Photos whose mask may be another folder's.
+    shared: Cell<usize>,
 }
 
 /// Files by the keys of the photos that they may belong to.
 #[derive(Default)]
 struct Index {
     by_photo: HashMap<String, Vec<PathBuf>>,
+    /// Number of photos by the last parts of their keys.
+    photos: HashMap<String, usize>,
 }
 
 impl Masks {
     /// The masks of the photos in `images`, in the capture at `root`.
     pub fn of(root: &Path, images: &Path) -> Self {
-        Self { images: images.to_owned(), folder: folder(root, images), index: OnceCell::new(), found: Cell::new(0) }
+        let (found, shared) = (Cell::new(0), Cell::new(0));
+        Self { images: images.to_owned(), folder: folder(root, images), index: OnceCell::new(), found, shared }
     }
 
     /// The mask of the photo `name`: in the mask folder as name.png, name.jpg.png or the name itself, otherwise under any
@@ -39,14 +44,25 @@ impl Masks {
             let index = self.index.get_or_init(|| Index::of(self.folder.as_deref(), &self.images));
             let key = key(name);
             let of = |key: &str| index.by_photo.get(key).filter(|files| files.len() == 1).map(|files| files[0].clone());
-            of(&key).or_else(|| of(last(&key)))
+            // A mask of the name alone is no photo's if folders have photos of that name.
+            let own = index.photos.get(last(&key)).is_none_or(|photos| *photos < 2);
+            let by_name = of(last(&key)).filter(|_| key != last(&key));
+            self.shared.set(self.shared.get() + usize::from(by_name.is_some() && !own));
+            of(&key).or(by_name.filter(|_| own))
         });
         self.found.set(self.found.get() + usize::from(found.is_some()));
         found
     }
 
-    /// A note if there is a mask folder but none of its files belongs to a photo.
+    /// A note if there is a mask folder but none of its files belongs to a photo, or none to one photo alone.
     pub fn doubt(&self) -> Option<String> {
+        if self.shared.get() > 0 {
+            let photos = counted(self.shared.get(), "photo");
+            return Some(format!(
+                "{photos} in several folders with the same names: masks of these names are not used; put masks into folders of the \
+                 photos' names"
+            ));
+        }
         let folder = self.folder.as_ref().filter(|_| self.found.get() == 0)?;
         let held = files(folder);
         let (first, _) = held.first()?;
@@ -69,6 +85,9 @@ impl Index {
         }
         for (name, path) in files(images) {
             index.add(belongs_to(&name, false), &path);
+            if masks.is_none_or(|masks| !path.starts_with(masks)) {
+                *index.photos.entry(last(&key(&name)).to_owned()).or_default() += 1;
+            }
         }
         index
     }

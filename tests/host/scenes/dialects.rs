@@ -160,6 +160,15 @@ fn masks_are_found_under_the_names_that_tools_give_them() {
         assert_eq!(opened.views[0].mask.as_deref(), Some(scene.path().join(mask).as_path()), "{mask}");
         assert_eq!(notes(&opened).matches("without a pose").count(), 0, "{mask}");
     }
+    // One mask is not that of two cameras' photos.
+    let twins = ["left/a.png", "right/a.png", "right/b.png"];
+    let scene = capture(&twins, &twins);
+    for mask in ["a.png", "b.png"] {
+        picture(&scene.path().join("masks").join(mask), 64, 48);
+    }
+    let opened = open(scene.path());
+    assert_eq!(opened.views.iter().map(|v| v.mask.is_some()).collect::<Vec<_>>(), [false, false, true]);
+    assert!(notes(&opened).contains("2 photos in several folders with the same names"), "{}", notes(&opened));
     let scene = capture(&NAMES, &NAMES);
     picture(&scene.path().join("masks/other.png"), 64, 48);
     assert!(notes(&open(scene.path())).contains("holds 1 file such as other.png, none with a photo's name"));
