@@ -104,3 +104,24 @@ export class Camera {
     return [width / 2 + (focal * x) / z, height / 2 + (focal * y) / z, z];
   }
 }
+
+const spread = (pointers) => { const [a, b] = [...pointers.values()]; return Math.hypot(a.x - b.x, a.y - b.y); };
+
+/**
+ * Moves a held pointer, and the camera with it, in a picture of this height: one pointer orbits, pans (another button, or shift) or looks
+ * round (control or command); two pan and pinch.
+ */
+export function drag(camera, pointers, event, height) {
+  const before = pointers.get(event.pointerId), two = pointers.size === 2, apart = two ? spread(pointers) : 0;
+  const [dx, dy] = [(event.clientX - before.x) / height, (event.clientY - before.y) / height];
+  pointers.set(event.pointerId, { ...before, x: event.clientX, y: event.clientY });
+  if (two) {
+    camera.dolly(apart / Math.max(spread(pointers), 1));
+    camera.pan(dx / 2, dy / 2);
+  } else if (before.button > 0 || event.shiftKey) camera.pan(dx, dy);
+  else if (event.ctrlKey || event.metaKey) camera.look(-dx * camera.fov, dy * camera.fov);
+  else camera.orbit(dx * Math.PI, dy * Math.PI);
+}
+
+/** The factor of the target's distance for a turn of the wheel, in pixels or lines. */
+export const wheeled = (event) => Math.exp(Math.max(-1, Math.min(1, event.deltaY * (event.deltaMode ? 0.05 : 0.0015))));

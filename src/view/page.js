@@ -1,6 +1,6 @@
 // The viewer's page: asks for pictures over one WebSocket and shows them. Moving pictures are JPEG, still ones lossless.
 
-import { Camera } from "./camera.js";
+import { Camera, drag, wheeled } from "./camera.js";
 import { colours, draw, frustumLength, hit, meaning } from "./draw.js";
 
 /** Milliseconds without a movement after which the picture counts as still. */
@@ -240,27 +240,16 @@ function steer(now) {
   }
 }
 
-function drag(event) {
+function dragged(event) {
   const before = state.pointers.get(event.pointerId);
   if (!before || !state.camera) return;
-  const now = { x: event.clientX, y: event.clientY, far: before.far || Math.hypot(event.clientX - before.x0, event.clientY - before.y0) > 4 };
-  const [dx, dy] = [now.x - before.x, now.y - before.y];
-  const points = () => [...state.pointers.values()];
-  const spread = ([a, b]) => Math.hypot(a.x - b.x, a.y - b.y);
-  const apart = state.pointers.size === 2 ? spread(points()) : 0;
-  state.pointers.set(event.pointerId, { ...before, ...now });
-  if (!now.far) return;
-  const [, , , height] = rectangle();
-  if (state.pointers.size === 2) {
-    state.camera.dolly(apart / Math.max(spread(points()), 1));
-    state.camera.pan(dx / 2 / height, dy / 2 / height);
-  } else if (before.button === 2 || before.button === 1 || event.shiftKey) {
-    state.camera.pan(dx / height, dy / height);
-  } else if (event.ctrlKey || event.metaKey) {
-    state.camera.look((-dx / height) * state.camera.fov, (dy / height) * state.camera.fov);
-  } else {
-    state.camera.orbit((dx / height) * Math.PI, (dy / height) * Math.PI);
+  before.far ||= Math.hypot(event.clientX - before.x0, event.clientY - before.y0) > 4;
+  if (!before.far) {
+    [before.x, before.y] = [event.clientX, event.clientY];
+    return;
   }
+  const [, , , height] = rectangle();
+  drag(state.camera, state.pointers, event, height);
   change(true);
 }
 
@@ -270,7 +259,7 @@ function listen() {
     const { clientX: x, clientY: y, button } = event;
     state.pointers.set(event.pointerId, { x, y, x0: x, y0: y, button, far: false });
   });
-  stage.addEventListener("pointermove", drag);
+  stage.addEventListener("pointermove", dragged);
   for (const name of ["pointerup", "pointercancel"]) {
     stage.addEventListener(name, (event) => {
       const pointer = state.pointers.get(event.pointerId);
@@ -284,7 +273,7 @@ function listen() {
   stage.addEventListener("contextmenu", (event) => event.preventDefault());
   stage.addEventListener("wheel", (event) => {
     event.preventDefault();
-    state.camera?.dolly(Math.exp(Math.max(-1, Math.min(1, event.deltaY * (event.deltaMode ? 0.05 : 0.0015)))));
+    state.camera?.dolly(wheeled(event));
     change(true);
   }, { passive: false });
   addEventListener("keydown", (event) => {

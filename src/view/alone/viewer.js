@@ -1,6 +1,6 @@
 // Draws the model of this page with WebGL 2: instanced quads, back to front, in halves where the browser has them.
 
-import { Camera, turned } from "../camera.js";
+import { Camera, drag, wheeled } from "../camera.js";
 
 const $ = (id) => document.getElementById(id);
 const stage = $("stage"), canvas = $("picture"), scene = JSON.parse($("scene").textContent);
@@ -222,20 +222,10 @@ function steer(dt) {
   if (move.some(Boolean) || turn.some(Boolean) || state.turning) state.moved = true;
 }
 
-function drag(event) {
-  const before = state.pointers.get(event.pointerId);
-  if (!before || !state.camera) return;
-  const spread = () => { const [a, b] = [...state.pointers.values()]; return Math.hypot(a.x - b.x, a.y - b.y); };
-  const apart = state.pointers.size === 2 ? spread() : 0, [dx, dy] = [event.clientX - before.x, event.clientY - before.y];
-  state.pointers.set(event.pointerId, { ...before, x: event.clientX, y: event.clientY });
-  const { camera } = state, height = stage.clientHeight;
+function dragged(event) {
+  if (!state.pointers.has(event.pointerId) || !state.camera) return;
   state.moved = true;
-  if (state.pointers.size === 2) {
-    camera.dolly(apart / Math.max(spread(), 1));
-    camera.pan(dx / 2 / height, dy / 2 / height);
-  } else if (before.button > 0 || event.shiftKey) camera.pan(dx / height, dy / height);
-  else if (event.ctrlKey || event.metaKey) camera.look((-dx / height) * camera.fov, (dy / height) * camera.fov);
-  else camera.orbit((dx / height) * Math.PI, (dy / height) * Math.PI);
+  drag(state.camera, state.pointers, event, stage.clientHeight);
 }
 
 function turning(on) {
@@ -249,13 +239,13 @@ function listen() {
     turning(false);
     state.pointers.set(event.pointerId, { x: event.clientX, y: event.clientY, button: event.button });
   });
-  stage.addEventListener("pointermove", drag);
+  stage.addEventListener("pointermove", dragged);
   for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => state.pointers.delete(event.pointerId));
   stage.addEventListener("contextmenu", (event) => event.preventDefault());
   stage.addEventListener("wheel", (event) => {
     event.preventDefault();
     state.moved = true;
-    state.camera.dolly(Math.exp(Math.max(-1, Math.min(1, event.deltaY * (event.deltaMode ? 0.05 : 0.0015)))));
+    state.camera.dolly(wheeled(event));
   }, { passive: false });
   const level = () => { state.camera.level(); state.moved = true; };
   const full = () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen?.());
