@@ -37,10 +37,10 @@ pub enum Error {
     #[error("{} is a file", .0.display())]
     NotFolder(PathBuf),
     /// A file or folder could not be read, written or removed.
-    #[error("{}: {source}", path.display())]
+    #[error("cannot read or write {}: {source}", path.display())]
     Io { path: PathBuf, source: std::io::Error },
     /// A picture could not be encoded or written.
-    #[error("{}: the picture could not be written: {source}", path.display())]
+    #[error("cannot write {}: {source}", path.display())]
     Picture { path: PathBuf, source: image::ImageError },
 }
 

@@ -134,6 +134,10 @@ fn spz_fits_tiny_and_wide_models_and_refuses_what_it_would_ruin() {
     flyaway.means[3][1] = 1e9;
     let text = formats::write(&path, &flyaway, formats::RenderMode::Plain).unwrap_err().to_string();
     assert!(text.contains("beyond") && text.contains("write .ply"), "{text}");
+    for factor in [1e-4, 1e5] {
+        let text = formats::write(&path, &scaled(factor), formats::RenderMode::Plain).unwrap_err().to_string();
+        assert!(text.contains("4.5e-5 to 3.8e2 that SPZ can store"), "{text}");
+    }
     assert!(fs::read(&path).unwrap() == before, "a refused write leaves the old file");
 }
 

@@ -3,6 +3,7 @@
 //! The number of fractional bits fits the model, whereas the official writer always uses 12 and lets greater coordinates wrap.
 
 use std::io::{self, Write};
+use std::ops::RangeInclusive;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -103,6 +104,9 @@ fn frames(header: Vec<u8>, streams: &[Vec<u8>]) -> io::Result<Vec<u8>> {
     Ok(out)
 }
 
+/// Logarithms of the scales that a byte can hold.
+const LOG_SCALES: RangeInclusive<f32> = -10.0..=255.0 / 16.0 - 10.0;
+
 /// Fractional bits of the means: the official 12, or more for small Gaussians, as 24 bits allow.
 ///
 /// A step of 1/16 of the median Gaussian's size moves nothing visibly; a step beyond that size ruins the picture.
@@ -114,9 +118,14 @@ fn fractional_bits(model: &Gaussians) -> Result<i32, Fault> {
         )));
     }
     let mut sizes: Vec<f32> = model.log_scales.iter().map(|s| s.iter().fold(f32::MIN, |a, &b| a.max(b))).collect();
-    let Some(median) = median(&mut sizes).map(|size| size / std::f32::consts::LN_2) else {
-        return Ok(DEFAULT_FRACTIONAL_BITS);
-    };
+    let Some(median) = median(&mut sizes) else { return Ok(DEFAULT_FRACTIONAL_BITS) };
+    if !LOG_SCALES.contains(&median) {
+        let ([low, high], size) = ([LOG_SCALES.start(), LOG_SCALES.end()].map(|s| s.exp()), median.exp());
+        return Err(Fault::Unsupported(format!(
+            "the median Gaussian's size, {size:.1e}, is beyond the {low:.1e} to {high:.1e} that SPZ can store; scale the model or write .ply"
+        )));
+    }
+    let median = median / std::f32::consts::LN_2;
     let fit = if reach > 0.0 { (FIXED_MAX / reach).log2().floor() as i32 } else { MAX_FRACTIONAL_BITS };
     let bits = ((4.0 - median).ceil() as i32).clamp(DEFAULT_FRACTIONAL_BITS, MAX_FRACTIONAL_BITS).min(fit);
     if (bits as f32) < -median {
