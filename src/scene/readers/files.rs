@@ -143,15 +143,16 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Error> {
 /// Reads a whole text file in UTF-8, or in the UTF-16 that Windows writes, without its byte order mark.
 pub fn read_text(path: &Path) -> Result<String, Error> {
     let mut bytes = read(path)?;
-    let wide =
-        |of: fn([u8; 2]) -> u16| bytes[2..].as_chunks::<2>().0.iter().map(|pair| of(*pair)).collect::<Vec<u16>>();
-    let wide = match bytes.get(..2) {
-        Some([0xff, 0xfe]) => Some(wide(u16::from_le_bytes)),
-        Some([0xfe, 0xff]) => Some(wide(u16::from_be_bytes)),
+    let unit: Option<fn([u8; 2]) -> u16> = match bytes.get(..2) {
+        Some([0xff, 0xfe]) => Some(u16::from_le_bytes),
+        Some([0xfe, 0xff]) => Some(u16::from_be_bytes),
         _ => None,
     };
-    if let Some(text) = wide.and_then(|wide| String::from_utf16(&wide).ok()) {
-        return Ok(text);
+    if let (Some(unit), (pairs, [])) = (unit, bytes.as_chunks::<2>()) {
+        let units: Vec<u16> = pairs[1..].iter().map(|pair| unit(*pair)).collect();
+        if let Ok(text) = String::from_utf16(&units) {
+            return Ok(text);
+        }
     }
     if bytes.starts_with(b"\xef\xbb\xbf") {
         bytes.drain(..3);

@@ -336,7 +336,7 @@ fn one_command_leads_from_photos_to_a_model() {
     let ended = end(&mut stage.program(&run)).with(0, &["9 of 9 photos have poses"]);
     assert!(stage.path("out/model.ply").is_file() && stage.path("out/report.html").is_file(), "{}", ended.said);
     let config = fs::read_to_string(stage.path("out/config.toml")).unwrap();
-    assert!(config.contains("scene = \"out/scene\""), "{config}");
+    assert!(config.contains("scene = \"scene\""), "{config}");
     // The poses are those that were given, and are used again.
     let calls = stage.calls("").len();
     let bytes = fs::read(stage.path("out/model.ply")).unwrap();
