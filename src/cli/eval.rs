@@ -191,6 +191,5 @@ fn table(console: &Console, test: Option<&Scores>, views: &[ViewScores]) -> Resu
     for view in views {
         row(&view.name, &view.scores)?;
     }
-    let counting = views.iter().filter(|view| view.scores.counts()).count();
-    test.map_or(Ok(()), |mean| row(&format!("mean of {counting}"), mean))
+    test.map_or(Ok(()), |mean| row(&format!("mean of {}", ViewScores::counting(views)), mean))
 }

@@ -12,7 +12,7 @@ use super::view::{self, Watched};
 use super::{Global, check_folder, tell_of_missing, values, viewer};
 use crate::gaussians::formats;
 use crate::job::output::same_place;
-use crate::job::records::{Aim, CompressRecord, RunRecord};
+use crate::job::records::{Aim, CompressRecord, RunRecord, ViewScores};
 use crate::job::{Earlier, Error, Init, Output, RunConfig, Session, earlier};
 use crate::pipeline::compress::fit::Target;
 use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
@@ -247,7 +247,7 @@ impl Arguments {
                 score(test.psnr, " dB"),
                 test.ssim.map_or_else(|| "-".to_owned(), |v| format!("{v:.4}")),
                 score(test.lpips_vgg, ""),
-                counted(record.counting_views(), "view"),
+                counted(ViewScores::counting(&record.views), "view"),
             ))?;
         }
         console.print(format_args!("train  PSNR {}", score(record.train.psnr, " dB")))?;

@@ -3,11 +3,9 @@
 use super::files::{Files, crc32_of_file};
 use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::{Gaussians, formats};
-use crate::job::Error;
-use crate::job::Selection;
 use crate::job::output::{absolute, bytes_on_disk, respell};
 use crate::job::records::{ModelFile, PruneRecord, StageScores, ViewStages};
-use crate::job::session::Session;
+use crate::job::{Error, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
 use crate::response::CHUNK;
 use glam::DVec3;

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// What is wrong with a file whose checksum is another's.
+/// The fault of a file whose content does not have its checksum.
 pub(super) const DAMAGED: &str = "its checksum is not that of its content: it is damaged";
 
 #[derive(Debug, Serialize, Deserialize)]

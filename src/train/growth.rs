@@ -10,12 +10,6 @@ use serde::{Deserialize, Serialize};
 /// Iterations that count in any run, however few its photos.
 const LEAST_TAUGHT: f64 = 1000.0;
 
-/// True for no number at all.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_zero(number: &usize) -> bool {
-    *number == 0
-}
-
 /// Growth to a planned number, as written to `config.toml`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -25,8 +19,8 @@ pub struct Growth {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gaussians: Option<usize>,
     /// Least final number where it is derived.
-    #[serde(skip_serializing_if = "is_zero")]
-    pub least: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub least: Option<usize>,
     /// Least number of density steps, in short runs.
     pub steps: u32,
     /// True if gradients count by their size in each tile, so that tiles do not cancel.
@@ -37,7 +31,7 @@ pub struct Growth {
 
 impl Default for Growth {
     fn default() -> Self {
-        Self { gaussians: None, least: 0, steps: 15, absolute: true, sampled: true }
+        Self { gaussians: None, least: None, steps: 15, absolute: true, sampled: true }
     }
 }
 
@@ -61,7 +55,7 @@ impl Growth {
     pub fn limit(self, pixels: &[u64], iterations: u32) -> Option<String> {
         let (taught, photos) = (Self::taught(pixels.len(), iterations), pixels.len());
         let planned = Self::by_photos(pixels, iterations);
-        let limited = self.gaussians.is_none() && planned > self.least && taught < f64::from(iterations);
+        let limited = self.gaussians.is_none() && Some(planned) > self.least && taught < f64::from(iterations);
         limited.then(|| {
             format!(
                 "the photos ({photos}) are few for {iterations} iterations: the model grows to {planned} Gaussians, as in {taught:.0} iterations",
@@ -72,8 +66,8 @@ impl Growth {
     /// The same plan with its number, derived from the photos' numbers of pixels if it has none.
     #[must_use]
     pub fn for_photos(self, pixels: &[u64], iterations: u32) -> Self {
-        let planned = || Self::by_photos(pixels, iterations).max(self.least);
-        Self { gaussians: self.gaussians.or_else(|| Some(planned())), ..self }
+        let planned = || Some(Self::by_photos(pixels, iterations)).max(self.least);
+        Self { gaussians: self.gaussians.or_else(planned), ..self }
     }
 
     /// Marks which `count` of the candidates are halved. `growth` holds each Gaussian's sum of gradients and number of
@@ -110,7 +104,7 @@ impl Growth {
 mod tests {
     use super::*;
 
-    const PLAN: Growth = Growth { gaussians: Some(10_000), least: 0, steps: 15, absolute: true, sampled: true };
+    const PLAN: Growth = Growth { gaussians: Some(10_000), least: None, steps: 15, absolute: true, sampled: true };
 
     /// Iterations count up to 4.5 times the square of the number of photos, and up to 1,000 in any run.
     #[test]
@@ -127,7 +121,7 @@ mod tests {
             "{note}"
         );
         assert_eq!(plan.limit(&[10_000; 20], 1800), None);
-        let most = |least: usize| Growth { least, ..plan };
+        let most = |least: usize| Growth { least: Some(least), ..plan };
         assert_eq!([18_972, 18_973].map(|n| most(n).limit(&[10_000; 20], 7000).is_some()), [true, false]);
         assert_eq!([9, 20_000].map(|n| most(n).for_photos(&[10_000; 20], 7000).gaussians), [18_973, 20_000].map(Some));
         assert_eq!(Growth { gaussians: Some(9), ..plan }.limit(&[10_000; 20], 7000), None);

@@ -187,7 +187,7 @@ mod tests {
         std::fs::write(out.join("a.ply"), "").unwrap();
         std::fs::write(out.join("config.toml"), text).unwrap();
         assert_eq!(RunConfig::read(&out.join("config.toml")).unwrap(), outside);
-        // What lies in the folder moves with it.
+        // Paths below the folder move with it.
         let inside = RunConfig { scene: out.join("scene"), ..config() };
         std::fs::write(out.join("config.toml"), inside.written_in(&out).unwrap()).unwrap();
         std::fs::rename(&out, &moved).unwrap();

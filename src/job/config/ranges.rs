@@ -90,7 +90,7 @@ fn schedule(s: &Schedule) -> Result<(), String> {
     if let Some(g) = &s.growth {
         let gaussians = g.gaussians.unwrap_or(MOST_GAUSSIANS);
         within("schedule.growth.gaussians", gaussians, &(1..=MOST_GAUSSIANS))?;
-        within("schedule.growth.least", g.least, &(0..=MOST_GAUSSIANS))?;
+        within("schedule.growth.least", g.least.unwrap_or_default(), &(0..=MOST_GAUSSIANS))?;
         within("schedule.growth.steps", g.steps, &(1..=MOST_ITERATIONS))?;
     }
     Ok(())

@@ -221,7 +221,7 @@ impl RunConfig {
             self.schedule.densify_until = self.schedule.densify_until.min(*first);
         }
         if let (Some(plan), Keep::Count(count)) = (&mut self.schedule.growth, pruning.compression.keep) {
-            plan.least = (count as f64 / Keep::SHARE).ceil() as usize;
+            plan.least = Some((count as f64 / Keep::SHARE).ceil() as usize);
         }
         self.prune = Some(pruning);
         self

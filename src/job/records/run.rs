@@ -115,6 +115,13 @@ pub struct ViewScores {
     pub scores: Scores,
 }
 
+impl ViewScores {
+    /// Number of these views of which something counts: the means are theirs.
+    pub fn counting(views: &[Self]) -> usize {
+        views.iter().filter(|view| view.scores.counts()).count()
+    }
+}
+
 /// A point of the quality curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -137,11 +144,6 @@ pub struct CurvePoint {
 const PAST: f64 = 0.1;
 
 impl RunRecord {
-    /// Number of held-out views of which something counts: the means are theirs.
-    pub fn counting_views(&self) -> usize {
-        self.views.iter().filter(|view| view.scores.counts()).count()
-    }
-
     /// The best point of the quality curve with no more Gaussians than at the end, if the run ended well below it:
     /// training longer was a loss.
     pub fn past_best(&self) -> Option<&CurvePoint> {

@@ -6,10 +6,8 @@ use super::config::CompressConfig;
 use super::views::Views;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Ladder, Precision, RenderMode, SpzVersion};
-use crate::job::Error;
-use crate::job::Watcher;
 use crate::job::records::{Aim, AimRecord, Truth};
-use crate::job::session::Session;
+use crate::job::{Error, Session, Watcher};
 use crate::pipeline::budget;
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::{Evaluator, mean};
@@ -167,7 +165,7 @@ struct Files<'a> {
     mode: RenderMode,
     target: &'a Target<'a>,
     rungs: Vec<Precision>,
-    /// Who compares pictures and is told of the search; without one all are equal.
+    /// Compares pictures and reports the search; without it, all files count as equal.
     judge: Option<&'a Judge<'a>>,
     /// Packed models, by rung and Gaussians.
     made: BTreeMap<(usize, usize), Vec<u8>>,

@@ -22,18 +22,19 @@ pub fn camera_errors(
     photos: &[&Photo],
     (settings, fits_exposure): (Settings, bool),
 ) -> Result<Option<CameraErrors>, Error> {
-    let wide = |photo: &&Photo| photo.camera.width.max(photo.camera.height) > SIDE as u32;
-    let mut wide: Vec<&Photo> = photos.iter().copied().filter(wide).collect();
-    // Something must count both where cameras are fitted and where they are scored.
-    let both = |photo: &Photo| Ok(counts(photo, is_fitted)? && counts(photo, |x, y| !is_fitted(x, y))?);
-    let usable = wide.iter().map(|photo| both(photo)).collect::<Result<Vec<bool>, Error>>()?;
-    let mut usable = usable.into_iter();
-    wide.retain(|_| usable.next().unwrap_or(false));
-    let count = wide.len().min(VIEWS);
+    let is_wide = |photo: &&Photo| photo.camera.width.max(photo.camera.height) > SIDE as u32;
+    let mut usable = Vec::new();
+    for photo in photos.iter().copied().filter(is_wide) {
+        // Something must count both where cameras are fitted and where they are scored.
+        if counts(photo, is_fitted)? && counts(photo, |x, y| !is_fitted(x, y))? {
+            usable.push(photo);
+        }
+    }
+    let count = usable.len().min(VIEWS);
     if count == 0 || model.is_empty() {
         return Ok(None);
     }
-    let photos: Vec<&Photo> = (0..count).map(|k| wide[k * wide.len() / count]).collect();
+    let photos: Vec<&Photo> = (0..count).map(|k| usable[k * usable.len() / count]).collect();
     let size = camera::largest(photos.iter().map(|photo| &photo.camera));
     let whole = budget::for_pictures(session.device, model, size, settings.style)?.whole;
     let depths = {

@@ -1,6 +1,6 @@
 //! Tables and lists: views, protocol, effects, guards, memory, configuration.
 
-use crate::job::records::RunRecord;
+use crate::job::records::{RunRecord, ViewScores};
 use crate::metrics::Scores;
 use crate::report::format::{NONE, bytes, count, decimals};
 use crate::report::page::{Column, absent, facts, table};
@@ -26,7 +26,7 @@ pub fn views(results: &RunRecord) -> Markup {
     let mut columns = vec![Column::Text("view"), Column::Number("PSNR / dB"), Column::Number("SSIM")];
     columns.extend(lpips.iter().map(|k| Column::Number(networks[*k])));
     let rows: Vec<Vec<String>> = results.views.iter().map(|v| row(v.name.clone(), &v.scores)).collect();
-    let mean = results.test.as_ref().map(|t| row(format!("mean of {}", results.counting_views()), t));
+    let mean = results.test.as_ref().map(|t| row(format!("mean of {}", ViewScores::counting(&results.views)), t));
     let notes = results.test.iter().flat_map(|t| &t.notes);
     html! {
         (table(&columns, &rows, mean.as_deref()))

@@ -1,6 +1,6 @@
 //! The most important figures, as tiles.
 
-use crate::job::records::RunRecord;
+use crate::job::records::{RunRecord, ViewScores};
 use crate::report::format::{NONE, bytes, count, decimals, percent, seconds};
 use crate::report::page::{Tile, tiles};
 use maud::Markup;
@@ -15,7 +15,7 @@ pub fn body(results: &RunRecord) -> Markup {
         Some(t) if t.psnr.is_none() => "∞".to_owned(),
         _ => decibels(test.and_then(|t| t.psnr)),
     };
-    let views = match results.counting_views() {
+    let views = match ViewScores::counting(&results.views) {
         0 if results.protocol.test_views > 0 => "masks hide all held-out views".to_owned(),
         0 => "no view was held out".to_owned(),
         1 => "one held-out view".to_owned(),
