@@ -42,7 +42,7 @@ pub(super) fn cut(folder: &Folder, names: &[String], watcher: &dyn Watcher) -> R
         watcher.unless_stopped()?;
         let file = folder.images().join(name);
         let mask = folder.masks().join(Path::new(name).with_extension("png"));
-        let faces = faces::of_panorama(&file, mask.is_file().then_some(mask.as_path()))?;
+        let faces = View::of_panorama(&file, mask.is_file().then_some(mask.as_path()))?;
         let views: Vec<&View> = faces.iter().map(|(_, view)| view).collect();
         let photos = load_photos(&views, &LoadOptions { alpha: false, ..LoadOptions::default() }, &|_| ())?;
         for ((face, _), photo) in faces.iter().zip(photos) {

@@ -2,15 +2,11 @@
 //! view. They are faces of a cube around the camera; for a fisheye, the visible parts of them.
 
 use std::f64::consts::{FRAC_PI_2, PI};
-use std::path::Path;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::error::Error;
-use super::image_size::image_size;
 use super::lens::ideal::WIDEST;
 use super::lens::{Curve, Lens, LensModel};
-use super::view::View;
 
 /// Sample points along a side of a face, for the part that the lens sees.
 const LOOKS: u32 = 64;
@@ -85,22 +81,6 @@ pub(super) fn of(lens: &Lens) -> Vec<Cut> {
 /// The rotation from the axes of a photo to a face's.
 pub fn turn(axes: [DVec3; 3]) -> DMat3 {
     DMat3::from_cols(axes[0], axes[1], axes[2]).transpose()
-}
-
-/// The views of a panorama without a pose, with the names of their faces.
-///
-/// # Errors
-/// [`Error::Photo`] for a file that is no picture twice as wide as high.
-pub fn of_panorama(photo: &Path, mask: Option<&Path>) -> Result<Vec<(&'static str, View)>, Error> {
-    let (width, height) = image_size(photo).map_err(|e| Error::io(photo, e))?;
-    if width != 2 * height {
-        return Err(Error::photo(photo, format!("is {width} x {height}: a panorama is twice as wide as high")));
-    }
-    let lens = Lens::panorama(width.into(), height.into()).map_err(|what| Error::photo(photo, what))?;
-    let name = photo.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let mut whole = View::new(name, lens, (DMat3::IDENTITY, DVec3::ZERO), None);
-    (whole.image, whole.mask) = (photo.to_owned(), mask.map(Path::to_owned));
-    Ok(of(&lens).iter().map(|cut| (cut.name, whole.cut(cut, 0.0))).collect())
 }
 
 /// The angle in radians from its axis to which a lens is drawn, if it sees more than a pinhole can show: twice the field of an

@@ -1,12 +1,13 @@
 //! One view of a capture: its photo's file, the lens that took it, and the ideal camera that the engine renders.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec2, DVec3};
 
 use super::Error;
 use super::camera::Camera;
 use super::faces::{self, Cut, Face};
+use super::image_size::image_size;
 use super::lens::{Lens, Pinhole};
 
 /// Error message for a lens without an ideal pinhole.
@@ -130,6 +131,22 @@ impl View {
         let masked = pole > 0.0 || cut.masked;
         let face = Face { photo: self.name.clone(), turn: cut.turn, pole, reach: cut.reach, masked };
         Self { name: faces::name(&self.name, cut.name), camera, face: Some(face), ..self.clone() }
+    }
+
+    /// The views of the faces of a panorama without a pose, with the faces' names.
+    ///
+    /// # Errors
+    /// [`Error::Photo`] for a file that is no picture twice as wide as high.
+    pub fn of_panorama(photo: &Path, mask: Option<&Path>) -> Result<Vec<(&'static str, Self)>, Error> {
+        let (width, height) = image_size(photo).map_err(|e| Error::io(photo, e))?;
+        if width != 2 * height {
+            return Err(Error::photo(photo, format!("is {width} x {height}: a panorama is twice as wide as high")));
+        }
+        let lens = Lens::panorama(width.into(), height.into()).map_err(|what| Error::photo(photo, what))?;
+        let name = photo.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut whole = Self::new(name, lens, (DMat3::IDENTITY, DVec3::ZERO), None);
+        (whole.image, whole.mask) = (photo.to_owned(), mask.map(Path::to_owned));
+        Ok(faces::of(&lens).iter().map(|cut| (cut.name, whole.cut(cut, 0.0))).collect())
     }
 
     /// The name of its photo, which it may share with others.

@@ -1,6 +1,6 @@
 //! Blocks of the subject's Gaussians, with the data of their eigenproblems.
 
-use super::Context;
+use super::subject::Context;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::Error;

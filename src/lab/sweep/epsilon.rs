@@ -1,10 +1,10 @@
 //! The axis of regularisation: epsilon on the metric's diagonal, or a dilation of every Gaussian.
 
-use super::Context;
 use super::axis::Axis;
 use super::blocks::{self, jaccard};
 use super::records::{AxisRecord, RungRecord};
 use super::rung::{Regularisation, Rung};
+use super::subject::Context;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::job::Error;

@@ -1,10 +1,10 @@
 //! The axis of gradient sums: in slot order, with the same bits in every run, or by float atomics, in the threads'
 //! order.
 
-use super::Context;
 use super::axis::Axis;
 use super::records::{AxisRecord, RungRecord, figure};
 use super::rung::{Rung, Sums};
+use super::subject::Context;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Recording};

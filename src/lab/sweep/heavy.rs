@@ -1,7 +1,8 @@
 //! The axes whose rungs are trainings: kept shares and selectors from one checkpoint, lengths and effects as separate
 //! runs.
 
-use super::axis::{Asked, Axis};
+use super::asked::Asked;
+use super::axis::Axis;
 use super::records::{AxisRecord, Better, RungRecord};
 use super::rung::{Rung, share};
 use super::timing::{Spread, Timed};

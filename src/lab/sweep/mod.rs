@@ -1,6 +1,7 @@
 //! `qirf-vk sweep`: the cost of accuracy in time. Each axis of the engine is measured rung by rung in one process on
 //! one device.
 
+pub mod asked;
 pub mod axis;
 mod blocks;
 mod epsilon;
@@ -15,11 +16,13 @@ mod solver;
 pub mod subject;
 pub mod timing;
 
-pub use axis::{Asked, Axis};
+pub use asked::Asked;
+pub use axis::Axis;
 pub use records::{AxisRecord, Described, SweepRecord};
-pub use subject::Subject;
+pub use subject::{Context, Subject};
 
-use crate::job::{Error, Output, Session};
+use crate::job::{Error, Output};
+use rung::{Formula, Regularisation, Solver, culling, fraction, stop, sums, switch};
 use std::path::Path;
 use std::time::Instant;
 
@@ -28,23 +31,18 @@ pub fn write_page(swept: &SweepRecord, folder: &Path) -> Result<(), Error> {
     Output::text(&folder.join("sweep.html"), &page::page(swept))
 }
 
-/// Input of a light axis.
-pub struct Context<'a> {
-    /// Device, limits and watcher.
-    pub session: Session<'a>,
-    /// The subject.
-    pub subject: &'a Subject,
-    /// True if the ground truth of its views is the subject's own pictures.
-    pub own_pictures: bool,
-    /// Time budget of each axis, in seconds; warm-up and three samples are always measured.
-    pub seconds: f64,
-}
-
 /// Measures one light axis; returns `None` for a heavy one.
 pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>, Error> {
-    let Some(measure) = asked.axis.measure() else { return Ok(None) };
     let begun = Instant::now();
-    let mut axis = measure(context, &asked.rungs)?;
+    let mut axis = match asked.axis {
+        Axis::Solver => solver::measure(context, &asked.values(Solver::of)),
+        Axis::Overlap => overlap::measure(context, &asked.values(Formula::of)),
+        Axis::Epsilon => epsilon::measure(context, &asked.values(Regularisation::of)),
+        Axis::Culling => pictures::culling(context, &asked.values(culling)),
+        Axis::Stop => pictures::stop(context, &asked.values(stop)),
+        Axis::Gradients => gradients::measure(context, &asked.values(sums)),
+        Axis::Keep | Axis::Selector | Axis::Iterations | Axis::Effects => return Ok(None),
+    }?;
     axis.seconds = begun.elapsed().as_secs_f64();
     context.session.watcher.note(&format!("{}: {:.1} s. {}", axis.axis.name(), axis.seconds, axis.sentence));
     Ok(Some(axis))
@@ -61,8 +59,8 @@ pub fn heavy(training: &heavy::Training<'_>, asked: &[Asked]) -> Result<Vec<Axis
     for asked in asked {
         let begun = Instant::now();
         let axis = match asked.axis {
-            Axis::Iterations => heavy::iterations(training, &asked.values(rung::fraction))?,
-            Axis::Effects => heavy::effects(training, &asked.values(|name| rung::switch(name).ok()))?,
+            Axis::Iterations => heavy::iterations(training, &asked.values(fraction))?,
+            Axis::Effects => heavy::effects(training, &asked.values(|name| switch(name).ok()))?,
             _ => continue,
         };
         out.push(AxisRecord { seconds: begun.elapsed().as_secs_f64(), ..axis });

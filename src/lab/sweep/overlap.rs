@@ -1,11 +1,11 @@
 //! The axis of overlap formulas: on the subject's own neighbouring pairs, on the thin ones among them, and on the same
 //! Gaussians flattened.
 
-use super::Context;
 use super::axis::Axis;
 use super::blocks;
 use super::records::{AxisRecord, RungRecord, Table, figure};
 use super::rung::{Formula, Rung};
+use super::subject::Context;
 use super::timing::{Sample, Timed, interleaved};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;

@@ -1,9 +1,9 @@
 //! The axes of drawing: culling, and the end of blending.
 
-use super::Context;
 use super::axis::Axis;
 use super::records::{AxisRecord, Better, RungRecord};
 use super::rung::Rung;
+use super::subject::Context;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::job::Error;

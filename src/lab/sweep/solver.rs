@@ -1,10 +1,10 @@
 //! The axis of eigensolvers: on the subject's own blocks, and by block size.
 
-use super::Context;
 use super::axis::Axis;
 use super::blocks::{self, Problem, jaccard};
 use super::records::{AxisRecord, RungRecord, Table, figure};
 use super::rung::{Rung, Solver};
+use super::subject::Context;
 use super::timing::{Sample, Timed, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::job::Error;

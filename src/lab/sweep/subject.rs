@@ -20,6 +20,18 @@ const VIEWS: usize = 6;
 /// Number of virtual cameras for the responses of a model without photos.
 const AROUND: u32 = 24;
 
+/// Input of a light axis.
+pub struct Context<'a> {
+    /// Device, limits and watcher.
+    pub session: Session<'a>,
+    /// The subject.
+    pub subject: &'a Subject,
+    /// True if the ground truth of its views is the subject's own pictures.
+    pub own_pictures: bool,
+    /// Time budget of each axis, in seconds; warm-up and three samples are always measured.
+    pub seconds: f64,
+}
+
 /// A model with its responses and views.
 pub struct Subject {
     /// The model.
