@@ -39,12 +39,8 @@ impl Resident {
 
     /// A model of `n` Gaussians with these arrays.
     pub fn new(device: &Device, parameters: Attributes<Buffer<f32>>, degree: usize, n: usize) -> Result<Self> {
-        Ok(Self { count: Self::count_of(device, n)?, parameters, degree, len: n })
-    }
-
-    /// The number of Gaussians of a model of `n`, on the device.
-    pub(crate) fn count_of(device: &Device, n: usize) -> Result<Count> {
-        Count::known(device, "Gaussians", n as u32, &[Scan::block(device)])
+        let count = Count::known(device, "Gaussians", n as u32, &[Scan::block(device)])?;
+        Ok(Self { count, parameters, degree, len: n })
     }
 
     /// The quaternions (w, x, y, z), n.

@@ -57,6 +57,7 @@ impl RawBuffer {
             });
         }
         context.memory.reserve(name, size)?;
+        context.counters.buffers.fetch_add(1, Ordering::Relaxed);
         let guarded = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && context.guards.is_some();
         // A guarded buffer is read and written by the host.
         let (red_zone, location) = if guarded { (context.red_zone(), MemoryLocation::GpuToCpu) } else { (0, location) };
@@ -229,6 +230,21 @@ impl<T: Pod> Buffer<T> {
         let bytes = self.len * size_of::<T>();
         assert!(bytes.is_multiple_of(size_of::<U>()), "{bytes} bytes are no whole number of elements");
         Buffer { raw: self.raw.clone(), len: bytes / size_of::<U>(), element: PhantomData }
+    }
+
+    /// Number of elements for which it has memory; see [`Buffer::of_len`].
+    pub fn room(&self) -> usize {
+        self.raw.bytes() as usize / size_of::<T>()
+    }
+
+    /// The same memory as a buffer of `len` elements.
+    ///
+    /// # Panics
+    /// If that is more than [`Buffer::room`].
+    #[must_use]
+    pub fn of_len(&self, len: usize) -> Self {
+        assert!(len <= self.room(), "{len} elements in the memory of {}", self.room());
+        Self { raw: self.raw.clone(), len, element: PhantomData }
     }
 
     /// The buffer without its type.

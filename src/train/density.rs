@@ -2,8 +2,7 @@
 
 use super::growth::Growth;
 use super::schedule::Schedule;
-use super::training_model::{Array, Tail, TrainingModel};
-use crate::gaussians::resident::Resident;
+use super::training_model::{Array, TrainingModel};
 use crate::gaussians::{Attributes, Gaussians};
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::constants::density::{CLONE, KEPT};
@@ -12,6 +11,7 @@ use crate::kernels::train::{
     Sources, SourcesSpec, Split, SplitPush, SplitSpec,
 };
 use crate::primitives::{Count, Scan, WORKGROUP};
+use std::mem;
 
 /// Inputs of a density step besides the model and the schedule.
 #[derive(Clone, Copy, Debug)]
@@ -58,7 +58,8 @@ pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedul
     };
     recording.dispatch(&kernel, count.groups(WORKGROUP));
     device.run(recording)?;
-    rows.gather(device, training)?;
+    let planned = schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(0).min(step.most).max(after);
+    rows.gather(device, training, &Room::of(device, training, &rows, planned + training.tail())?)?;
     let (count, parameters) = (training.count(), &training.model.parameters);
     let kernel = Split {
         count: &count.value,
@@ -78,7 +79,20 @@ pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedul
 
 /// Keeps only the Gaussians `kept`, in that order, with their moments, and the tail; growth restarts at zero.
 pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> Result<()> {
-    replace(device, training, kept, &vec![false; kept.len()])
+    let rows = Rows::of(device, kept.to_vec(), training)?;
+    rows.gather(device, training, &Room::new(device, training, rows.sources.len())?)
+}
+
+/// Like [`compact`], but the arrays keep their memory. It needs [`bytes_of_thinning`].
+pub fn thin(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> Result<()> {
+    let rows = Rows::of(device, kept.to_vec(), training)?;
+    rows.gather(device, training, &Room::through(device, training, &rows)?)
+}
+
+/// Bytes that [`thin`] needs besides the model to keep `kept` Gaussians.
+pub fn bytes_of_thinning(training: &TrainingModel, kept: usize) -> u64 {
+    let rows = kept + training.tail();
+    2 * Buffer::<u32>::bytes_of(rows) + Buffer::<f32>::bytes_of(rows * training.widest_row())
 }
 
 /// Replaces every trained row by the one in `sources`, with its moments, or with zero moments if it is `fresh`. The
@@ -88,7 +102,7 @@ pub fn replace(device: &Device, training: &mut TrainingModel, sources: &[u32], f
     let mut kinds: Vec<u32> = fresh.iter().map(|fresh| if *fresh { CLONE } else { KEPT }).collect();
     kinds.resize(rows.sources.len(), KEPT);
     rows.kinds = device.upload("kinds", &kinds)?;
-    rows.gather(device, training)
+    rows.gather(device, training, &Room::of(device, training, &rows, rows.sources.len())?)
 }
 
 /// Records the opacity reset, which limits every Gaussian's opacity to `opacity`.
@@ -246,20 +260,27 @@ impl Rows {
     }
 
     /// Gathers the new model's rows from the old one's, a method's arrays included. Moments of new Gaussians are zero, and
-    /// so is growth. Each array replaces the old one before the next is made.
-    fn gather(&self, device: &Device, training: &mut TrainingModel) -> Result<()> {
-        let (degree, n) = (training.model.degree, self.sources.len());
-        let trained = n - training.tail();
+    /// so is growth.
+    fn gather(&self, device: &Device, training: &mut TrainingModel, room: &Room) -> Result<()> {
+        let (degree, n, tail) = (training.model.degree, self.sources.len(), training.tail());
         let widths = Attributes::widths(degree);
-        let moved = training.bytes_of_arrays(n, trained);
-        device.check_memory("Gaussians after density control", moved)?;
-        training.growth = device.buffer("growth", 0)?;
+        let mut recording = Recording::new();
+        training.set_len(&mut recording, n);
         training.mean = None;
-        let all = Resident::count_of(device, n)?;
-        let tail = Tail::new(device, n, training.tail())?;
-        let trained_count = tail.as_ref().map_or(&all, |tail| &tail.before);
-        let gathered = |count: &Count, source: &Buffer<f32>, [rows, width]: [usize; 2], fresh: bool| {
-            let target = device.buffer(source.name(), rows * width)?;
+        training.growth = match room {
+            Room::New(most) => device.buffer("growth", *most)?.of_len(n),
+            Room::Through(_) => training.growth.of_len(n),
+        };
+        recording.fill(&training.growth, 0);
+        let TrainingModel { model, moments, arrays, tail: end, .. } = training;
+        let all = (&model.count, 0);
+        let trained = end.as_ref().map_or(all, |end| (&end.before, tail));
+        let mut gathered = |source: &Buffer<f32>, (count, less): (&Count, usize), width: usize, fresh: bool| {
+            let len = (n - less) * width;
+            let target = match room {
+                Room::New(most) => device.buffer(source.name(), (most - less) * width)?.of_len(len),
+                Room::Through(scratch) => scratch.of_len(len),
+            };
             let kernel = GatherRows {
                 count: &count.value,
                 sources: &self.sources,
@@ -268,22 +289,52 @@ impl Rows {
                 target: &target,
                 spec: GatherRowsSpec { workgroup: WORKGROUP, width: width as u32, fresh },
             };
-            let mut recording = Recording::new();
             recording.dispatch(&kernel, count.groups(WORKGROUP));
-            device.run(recording)?;
-            Result::Ok(target)
+            if let Room::New(_) = room {
+                device.run(mem::take(&mut recording))?;
+                return Ok(target);
+            }
+            let old = source.of_len(len);
+            recording.copy(&target, &old, len);
+            Result::Ok(old)
         };
-        for (width, moments) in widths.zip(training.moments.each_mut()).up_to(degree) {
-            *moments = gathered(trained_count, &moments.cast(), [trained, 2 * width], true)?.cast();
+        for (width, moments) in widths.zip(moments.each_mut()).up_to(degree) {
+            *moments = gathered(&moments.cast(), trained, 2 * width, true)?.cast();
         }
-        for (width, parameters) in widths.zip(training.model.parameters.each_mut()).up_to(degree) {
-            *parameters = gathered(&all, parameters, [n, width], false)?;
+        for (width, parameters) in widths.zip(model.parameters.each_mut()).up_to(degree) {
+            *parameters = gathered(parameters, all, width, false)?;
         }
-        for Array { kind, values } in &mut training.arrays {
-            *values = gathered(trained_count, values, [trained, kind.width], kind.restarts)?;
+        for Array { kind, values } in arrays {
+            *values = gathered(values, trained, kind.width, kind.restarts)?;
         }
-        training.growth = device.zeros("growth", n)?;
-        (training.model.count, training.model.len, training.tail) = (all, n, tail);
+        device.run(recording)?;
         Ok(())
+    }
+}
+
+/// Memory for the arrays of a model whose rows change.
+enum Room {
+    /// New buffers with room for this many rows; each replaces the old one before the next is made.
+    New(usize),
+    /// That of the old buffers, which the rows reach through this one.
+    Through(Buffer<f32>),
+}
+
+impl Room {
+    /// The old buffers' memory if it suffices for these rows, otherwise new buffers for `most` rows.
+    fn of(device: &Device, training: &TrainingModel, rows: &Rows, most: usize) -> Result<Self> {
+        if training.room() < rows.sources.len() {
+            return Self::new(device, training, most);
+        }
+        Self::through(device, training, rows)
+    }
+
+    fn new(device: &Device, training: &TrainingModel, most: usize) -> Result<Self> {
+        device.check_memory("Gaussians after density control", training.bytes_of_arrays(most))?;
+        Ok(Self::New(most))
+    }
+
+    fn through(device: &Device, training: &TrainingModel, rows: &Rows) -> Result<Self> {
+        Ok(Self::Through(device.buffer("gathered rows", rows.sources.len() * training.widest_row())?))
     }
 }

@@ -107,14 +107,15 @@ impl TrainingModel {
         self.arrays.iter().find(|array| array.kind.name == name).map(|array| &array.values)
     }
 
-    /// Largest number of additional bytes during a change to `n` Gaussians, the first `trained` of them trained, if each array
-    /// replaces the old one before the next is made: moments, then parameters, then a method's.
-    pub(super) fn bytes_of_arrays(&self, n: usize, trained: usize) -> u64 {
+    /// Largest number of additional bytes during a change to arrays for `rows` Gaussians, if each replaces the old one before
+    /// the next is made: moments, then parameters, then a method's.
+    pub(super) fn bytes_of_arrays(&self, rows: usize) -> u64 {
+        let trained = rows - self.tail();
         let widths = Attributes::widths(self.model.degree);
         let moments = widths.zip(self.moments.each_ref()).up_to(self.model.degree);
         let moments = moments.map(|(width, old)| (Buffer::<[f32; 2]>::bytes_of(trained * width), old.bytes()));
         let parameters = widths.zip(self.model.parameters.each_ref()).up_to(self.model.degree);
-        let parameters = parameters.map(|(width, old)| (Buffer::<f32>::bytes_of(n * width), old.bytes()));
+        let parameters = parameters.map(|(width, old)| (Buffer::<f32>::bytes_of(rows * width), old.bytes()));
         let others = self.arrays.iter();
         let others = others.map(|a| (Buffer::<f32>::bytes_of(trained * a.kind.width), a.values.bytes()));
         let (mut more, mut most) = (0_i64, 0_i64);
@@ -123,6 +124,32 @@ impl TrainingModel {
             more += new as i64 - old as i64;
         }
         most.max(more) as u64
+    }
+
+    /// Number of rows for which all arrays have memory.
+    pub(super) fn room(&self) -> usize {
+        let (widths, degree, tail) = (Attributes::widths(self.model.degree), self.model.degree, self.tail());
+        let parameters = widths.zip(self.model.parameters.each_ref()).up_to(degree);
+        let moments = widths.zip(self.moments.each_ref()).up_to(degree);
+        let parameters = parameters.map(|(width, values)| values.room() / width);
+        let moments = moments.map(|(width, values)| values.room() / width + tail);
+        let arrays = self.arrays.iter().map(|array| array.values.room() / array.kind.width + tail);
+        parameters.chain(moments).chain(arrays).fold(self.growth.room(), usize::min)
+    }
+
+    /// Floats in a row of the widest array.
+    pub(super) fn widest_row(&self) -> usize {
+        let moments = 2 * Attributes::widths(self.model.degree).up_to(self.model.degree).max().unwrap_or(0);
+        self.arrays.iter().map(|array| array.kind.width).fold(moments, usize::max)
+    }
+
+    /// Sets the number of Gaussians, and records it on the device.
+    pub(super) fn set_len(&mut self, recording: &mut Recording, n: usize) {
+        self.model.len = n;
+        self.model.count.set(recording, n as u32);
+        if let Some(tail) = &self.tail {
+            tail.before.set(recording, (n - tail.rows) as u32);
+        }
     }
 
     /// Number of rows that never change, at the model's end.
@@ -146,9 +173,10 @@ impl TrainingModel {
     /// Device memory; device errors. The model is then unchanged.
     pub fn raise_degree(&mut self, device: &Device) -> Result<()> {
         let l = self.model.degree + 1;
-        let (name, width) = (Attributes::NAMES.sh[l], Gaussians::band_width(l));
-        let band = device.buffer(name, self.model.len * width)?;
-        let moments = device.buffer(&format!("{name}.moments"), self.trained() * width)?;
+        let (name, width, room) = (Attributes::NAMES.sh[l], Gaussians::band_width(l), self.room());
+        let band = device.buffer(name, room * width)?.of_len(self.model.len * width);
+        let moments = device.buffer(&format!("{name}.moments"), (room - self.tail()) * width)?;
+        let moments = moments.of_len(self.trained() * width);
         let mut recording = Recording::new();
         recording.fill(&band, 0);
         recording.fill(&moments, 0);

@@ -3,7 +3,6 @@
 use super::Trainer;
 use crate::gpu::Buffer;
 use crate::train::attrition::{Attrition, AttritionState};
-use crate::train::density::compact;
 use crate::train::error::Result;
 
 impl Trainer {
@@ -44,7 +43,7 @@ impl Trainer {
         tracing::debug!("after iteration {iteration}: {} Gaussians, pressure {:e}", stay.len(), attrition.pressure);
         self.state.attrition = Some(attrition);
         if stay.len() < logits.len() {
-            self.reshaped(|device, model| compact(device, model, &stay))?;
+            self.thin(&stay)?;
         }
         Ok(())
     }

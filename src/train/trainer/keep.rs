@@ -4,7 +4,7 @@ use super::Trainer;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{self, Device};
-use crate::train::density::compact;
+use crate::train::density;
 use crate::train::error::Result;
 use crate::train::loss::Weights;
 use crate::train::mean::Mean;
@@ -30,7 +30,7 @@ impl Trainer {
                 Some(Resident::upload(&self.device, &model.select(&kept))?)
             }
         };
-        self.reshaped(|device, model| compact(device, model, &kept))?;
+        self.reshaped(|device, model| density::compact(device, model, &kept))?;
         if let Some(merged) = merged {
             self.training.model.parameters = merged.parameters;
         }
@@ -57,6 +57,17 @@ impl Trainer {
     ) -> Result<T> {
         self.responses = None;
         Ok(self.aside(change)?)
+    }
+
+    /// Keeps only the trained Gaussians `stay`. The renderer keeps its buffers if that needs no more memory than the run
+    /// has needed before.
+    pub(super) fn thin(&mut self, stay: &[u32]) -> Result<()> {
+        let (used, peak) = self.device.memory_used();
+        if used + density::bytes_of_thinning(&self.training, stay.len()) > peak {
+            return self.reshaped(|device, model| density::compact(device, model, stay));
+        }
+        self.responses = None;
+        Ok(density::thin(&self.device, &mut self.training, stay)?)
     }
 
     /// Lends the model to work that needs memory; the renderer's buffers are freed meanwhile.

@@ -3,7 +3,7 @@
 use super::adam::{Bench, weights};
 use super::runs::{bits, capture, options, resumed, train, trainer};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
-use crate::support::{device, finish};
+use crate::support::{device, finish, new_device};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::reference::adam::{BETA1, BETA2, adam, pressed};
 use qirf_vk::train::attrition::Attrition;
@@ -104,6 +104,30 @@ fn it_resumes_to_the_same_bytes() {
     // A checkpoint after the end still records that rates were re-warmed.
     let done = resumed(&device, &whole.snapshot().unwrap(), contested()).snapshot().unwrap();
     assert!(done.state == whole.snapshot().unwrap().state && done.state.rewarmed.is_some());
+    finish(&device);
+}
+
+/// Once a run has room for more Gaussians than are left, attrition frees no buffer and makes only those that it gathers
+/// rows with: sources, kinds, the rows, and two for transfers.
+#[test]
+fn it_keeps_the_buffers() {
+    let device = new_device();
+    let mut trainer = trainer(&device, contested());
+    train(&mut trainer, BEGUN);
+    trainer.begin_attrition(ATTRITION, 60).unwrap();
+    let mut asked = Vec::new();
+    while let Some(c) = trainer.attrition().copied()
+        && !c.over(trainer.iteration(), trainer.len())
+    {
+        let (n, before) = (trainer.len(), device.traffic());
+        trainer.advance(c.last).unwrap();
+        let after = device.traffic();
+        if trainer.len() < n {
+            asked.push([after.buffers - before.buffers, after.round_trips - before.round_trips]);
+        }
+    }
+    println!("buffers and round trips of each thinning: {asked:?}");
+    assert!(asked.len() > 2 && asked.last() == Some(&[5, 4]), "{asked:?}");
     finish(&device);
 }
 

@@ -7,7 +7,8 @@ use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::reference::densify::{Kind, Thresholds};
 use qirf_vk::reference::{self, Params};
 use qirf_vk::train::TrainingModel;
-use qirf_vk::train::density::{Step, densify, reset_opacity};
+use qirf_vk::train::density::{Step, compact, densify, reset_opacity, thin};
+use qirf_vk::train::growth::Growth;
 use qirf_vk::train::schedule::Schedule;
 
 const EXTENT: f64 = 3.0;
@@ -271,5 +272,73 @@ fn reset_opacity_keeps_no_more_than_the_limit() {
         let now = buffer.read(&device).unwrap();
         assert!(if a == 3 { now.iter().all(|m| *m == [0.0; 2]) } else { now == before }, "attribute {a}");
     }
+    finish(&device);
+}
+
+/// Parameters, moments, growth and count, as bits.
+fn contents(device: &Device, training: &TrainingModel) -> Vec<Vec<u32>> {
+    let model = training.model.download(device).unwrap();
+    let words =
+        |buffer: &Buffer<[f32; 2]>| buffer.read(device).unwrap().concat().into_iter().map(f32::to_bits).collect();
+    let mut all: Vec<Vec<u32>> = attributes(training).into_iter().map(words).collect();
+    all.extend([words(&training.growth), training.model.count.value.read(device).unwrap()[..1].to_vec()]);
+    all.extend((0..model.len()).map(|i| rows(&model, i)));
+    all
+}
+
+/// Thinning keeps what compaction keeps, in the memory that the arrays have: it makes four buffers (sources, kinds, the
+/// upload's and the gathered rows') and waits three times, where compaction makes one and waits once for each array.
+#[test]
+fn thinning_is_compaction_in_place() {
+    let device = device();
+    let (model, growth) = scene(500, 3);
+    for tail in [0, 40] {
+        let [mut new, mut old] = [(); 2].map(|()| {
+            let training = TrainingModel::with_tail(&device, &model, tail).unwrap();
+            for (a, buffer) in attributes(&training).into_iter().enumerate() {
+                let values: Vec<[f32; 2]> = (0..buffer.len()).map(|k| [(a + 1) as f32, 1.0 + k as f32]).collect();
+                buffer.write(&device, &values).unwrap();
+            }
+            training.growth.write(&device, &growth).unwrap();
+            training
+        });
+        for kept in [(0..460).step_by(3).collect(), vec![0, 2, 3, 150], vec![2], Vec::<u32>::new()] {
+            compact(&device, &mut new, &kept).unwrap();
+            let (used, before) = (device.memory_used().0, device.traffic());
+            thin(&device, &mut old, &kept).unwrap();
+            let after = device.traffic();
+            assert_eq!(device.memory_used().0, used, "no memory more or less");
+            let buffers = if kept.is_empty() && tail == 0 { 3 } else { 4 };
+            assert_eq!(
+                (after.buffers - before.buffers, after.round_trips - before.round_trips),
+                (buffers, buffers - 1)
+            );
+            assert_eq!(old.model.len, kept.len() + tail);
+            assert!(contents(&device, &old) == contents(&device, &new), "{} of a tail of {tail}", kept.len());
+        }
+    }
+    finish(&device);
+}
+
+/// Growth to a plan makes the arrays once, at the planned size.
+#[test]
+fn a_plan_has_its_memory_from_the_first_step() {
+    let device = device();
+    let (model, growth) = scene(300, 11);
+    let plan = Growth { gaussians: Some(2000), ..Growth::default() };
+    let schedule = Schedule { iterations: 2000, growth: Some(plan), ..Schedule::default() };
+    let mut held = held(&device, &model, &growth);
+    let mut used = 0;
+    let mut numbers = vec![held.model.len];
+    for iteration in [100, 300, 500, 700] {
+        numbers.push(densify(&device, &mut held, &schedule, Step { iteration, ..STEP }).unwrap());
+        let now = device.memory_used().0;
+        assert!(used == 0 || now == used, "{numbers:?}: {used} bytes, then {now}");
+        used = now;
+        let n = held.model.len;
+        assert_eq!(held.model.download(&device).unwrap().len(), n);
+        held.growth.write(&device, &vec![[1.0, 2.0]; n]).unwrap();
+    }
+    assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
     finish(&device);
 }
