@@ -1,11 +1,12 @@
 //! Ctrl-C, SIGTERM and the closing of the terminal, on Windows also Ctrl-Break: the first one asks the work to end at the next step,
-//! the second one ends the program.
+//! the second one ends the program. Commands without steps are ended by the first one.
 
 use std::sync::Arc;
+#[cfg(not(windows))]
+use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Notes whether Ctrl-C was pressed since the watch started. Commands without steps keep no watch: Ctrl-C ends them at
-/// once.
+/// Notes whether Ctrl-C was pressed since the watch started. Commands without steps keep no watch.
 pub(super) struct Watch(Arc<AtomicBool>);
 
 impl Watch {
@@ -20,11 +21,27 @@ impl Watch {
     }
 }
 
+/// True until a watch begins.
+#[cfg(not(windows))]
+static UNWATCHED: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| Arc::new(AtomicBool::new(true)));
+
+/// Until a watch begins, Ctrl-C and SIGTERM end the program with the exit code of an interruption, unless they were ignored at its
+/// start.
+pub(super) fn end_at_once() {
+    #[cfg(not(windows))]
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        if is_ignored(signal) != Some(true) {
+            let _ = signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&UNWATCHED));
+        }
+    }
+}
+
 #[cfg(not(windows))]
 fn watched() -> Arc<AtomicBool> {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     use signal_hook::flag;
     let asked = Arc::new(AtomicBool::new(false));
+    UNWATCHED.store(false, Ordering::SeqCst);
     // In this order, the first Ctrl-C finds the flag unset and sets it, the second finds it set.
     for signal in [SIGINT, SIGTERM] {
         let watching = flag::register_conditional_shutdown(signal, 130, Arc::clone(&asked))
@@ -34,18 +51,18 @@ fn watched() -> Arc<AtomicBool> {
         }
     }
     // Shell and system may both tell that the terminal is closed: a second time ends nothing.
-    if hang_up_counts() {
+    if is_ignored(SIGHUP) == Some(false) {
         let _ = flag::register(SIGHUP, Arc::clone(&asked));
     }
     asked
 }
 
-/// Returns true if the program was not started under nohup, where the system tells.
+/// True for a signal that is ignored, as SIGHUP under nohup, where the system tells.
 #[cfg(not(windows))]
-fn hang_up_counts() -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let ignored = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
-    ignored.is_some_and(|signals| signals & 1 << (signal_hook::consts::SIGHUP - 1) == 0)
+fn is_ignored(signal: i32) -> Option<bool> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let ignored = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok())?;
+    Some(ignored & 1 << (signal - 1) != 0)
 }
 
 /// One thread for the whole process waits for the console's events. Closing its window is one: Windows leaves the program five

@@ -202,6 +202,7 @@ pub fn main() -> ExitCode {
     let console = Console { quiet: cli.global.quiet, colour: cli.global.color };
     log(&cli.global);
     interrupt::outlive_the_file_size_limit();
+    interrupt::end_at_once();
     match cli.run(&console) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Error::Print(e)) if e.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,

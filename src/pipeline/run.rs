@@ -26,6 +26,9 @@ pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: b
     run.log()?;
     run.train(setup.config.schedule.iterations)?;
     let record = run.finish()?;
+    if setup.config.prune.is_some() && record.prunes.is_empty() {
+        session.watcher.note("the run is too short for its prune: the model is not pruned; give more --iterations");
+    }
     // The run is complete: its checkpoint is no longer needed.
     let _ = std::fs::remove_file(output.checkpoint());
     Ok(record)

@@ -28,6 +28,18 @@ pub fn model(out: &Path) -> Vec<u8> {
 }
 
 #[test]
+fn a_run_too_short_for_its_prune_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    for (iterations, told) in [("1", true), ("2", false)] {
+        let out = folder.path().join(iterations);
+        let mut short = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &*out]);
+        let ended = works(short.args(["--iterations", iterations, "--no-report"]));
+        assert_eq!(ended.said.contains("the model is not pruned"), told, "{}", ended.said);
+    }
+}
+
+#[test]
 fn a_run_leaves_what_reproduces_it() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());

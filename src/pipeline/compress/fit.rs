@@ -4,8 +4,8 @@
 use super::aim::{Found, Search, Trials};
 use super::config::CompressConfig;
 use super::views::Views;
-use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Ladder, Precision, RenderMode, SpzVersion};
+use crate::gaussians::{self, Gaussians};
 use crate::job::records::{Aim, AimRecord, Truth};
 use crate::job::{Error, Session, Watcher};
 use crate::pipeline::budget;
@@ -104,7 +104,15 @@ impl<'a> Target<'a> {
 
     /// The model in this format.
     pub fn pack(&self, model: &Gaussians, mode: RenderMode, precision: Precision) -> Result<Vec<u8>, Error> {
-        formats::encode(self.format, model, (mode, self.origin), (precision, self.spz)).map_err(Error::writing)
+        // An error is of the file, whatever it contains.
+        let of_file = |error| match error {
+            gaussians::Error::Unsupported { what, .. } => {
+                gaussians::Error::Unsupported { path: self.path.to_owned(), what }
+            }
+            other => other,
+        };
+        let packed = formats::encode(self.format, model, (mode, self.origin), (precision, self.spz));
+        packed.map_err(|error| Error::writing(of_file(error)))
     }
 
     /// The file of a packed model.

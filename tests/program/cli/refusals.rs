@@ -78,6 +78,12 @@ fn bad_models_are_refused_by_name_or_salvaged() {
     }
     assert!(!sandbox.path("out").exists() && !sandbox.path("out.ply").exists());
 
+    // What a page contains is no file of its own.
+    let mut far = model(3);
+    far.means[0][0] = 1e9;
+    formats::write(&sandbox.path("far.ply"), &far, formats::RenderMode::Plain).unwrap();
+    sandbox.fails(2, &["convert", "far.ply", "page.html"], &["page.html: ", "remove far Gaussians"]);
+
     // A NaN row is left out, infinite logits are clamped, and both are reported.
     let mut hurt = model(20);
     hurt.means[3][1] = f32::NAN;
