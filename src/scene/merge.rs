@@ -8,13 +8,13 @@ use rustc_hash::FxHashMap;
 use super::Point;
 
 /// Points are duplicates if their distance is below this share of the mean gap.
-const SAME: f64 = 2e-3;
+const SAME: f64 = 4e-3;
 /// Share of duplicates up to which a cloud is not changed: reconstructions have 3 % of such pairs, and 40 % did no harm.
 const FEW: f64 = 0.2;
 /// Side of a cell of the search, in maximum distances of duplicates.
 const CELL: f64 = 8.0;
-/// Share of the points beyond the bounds of the cloud, at each end of each axis.
-const OUTSIDE: f64 = 0.05;
+/// Share of the points beyond the bounds of the cloud, at each end of each axis: far ones, as of skies, must not count.
+const OUTSIDE: f64 = 0.25;
 
 /// The points without duplicates, in their order. The first of several keeps its position and colour, and is seen by all views
 /// that see one of them. All points if few are duplicates.
@@ -114,6 +114,10 @@ mod tests {
             [merge_repeated((0..100).map(some).collect()).len(), merge_repeated((0..180).map(some).collect()).len()],
             [100, 90]
         );
+        // A fifth of the points far off, on one side.
+        let far =
+            |k: u32| point(place_of(k) + DVec3::X * if k.is_multiple_of(5) { 1e6 * f64::from(k + 1) } else { 0.0 }, k);
+        assert_eq!(merge_repeated((0..100).map(far).collect()).len(), 100);
         let heap: Vec<Point> = (0..9).map(|i| point(DVec3::ONE, i)).collect();
         assert_eq!(merge_repeated(heap).len(), 1);
         assert_eq!(merge_repeated(vec![point(DVec3::ZERO, 0), point(DVec3::ZERO, 0)]).len(), 1);
