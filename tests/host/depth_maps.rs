@@ -115,7 +115,9 @@ fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
     assert_eq!((evidence.maps, evidence.deviation), (0, None));
     assert!(found.is_empty(), "{notes:?}");
     let told = notes.join("; ");
-    for part in ["1 depth map at no scale", "b.jpg has neither 16 bits nor floats", "depth map of c.jpg"] {
+    for part in
+        ["1 depth map at no scale", "1 depth map not used: it has neither 16 bits nor floats (b.jpg)", "(c.jpg)"]
+    {
         assert!(told.contains(part), "{told}");
     }
 }
@@ -147,12 +149,41 @@ fn numbers_of_maps_are_those_of_their_type() {
     for (kind, step, depths) in [
         ("<u2", None, [1.5, 15.36]),
         ("<u2", Some(0.01), [15.0, 153.6]),
+        ("<i2", None, [1.5, 15.36]),
         ("<f2", None, [f32::from(half::f16::from_bits(1500)), 1.0]),
     ] {
         let map = depth_maps::read::of_bytes(&file(kind, [1500, 15360]), step).unwrap();
         let near = |(a, b): (&f32, f32)| (a / b - 1.0).abs() < 1e-6;
         assert!(map.depths.iter().zip(depths).all(near), "{kind} {step:?}: {:?}", map.depths);
     }
+}
+
+/// An EXR of 2 x 1 pixels with channels of these names, whose values are 1, 2, 3 and so on.
+fn exr_of(names: &[&str]) -> Vec<u8> {
+    use exr::prelude::*;
+    let channel = |(i, name): (usize, &&str)| AnyChannel::new(*name, FlatSamples::F32(vec![i as f32 + 1.0; 2]));
+    let channels = AnyChannels::sort(names.iter().enumerate().map(channel).collect());
+    let mut file = std::io::Cursor::new(Vec::new());
+    Image::from_channels((2, 1), channels).write().non_parallel().to_buffered(&mut file).unwrap();
+    file.into_inner()
+}
+
+#[test]
+fn the_channel_of_depths_in_an_exr_is_found_by_its_name() {
+    for (names, value) in [
+        (&["Z"][..], 1.0),
+        (&["V"], 1.0),
+        (&["Y"], 1.0),
+        (&["distance"], 1.0),
+        (&["R", "G", "B"], 1.0),
+        (&["R", "G", "B", "Z"], 4.0),
+        (&["View Layer.Combined.R", "View Layer.Depth.Z"], 2.0),
+    ] {
+        let map = depth_maps::read::of_bytes(&exr_of(names), None).unwrap();
+        assert_eq!((map.width, map.height, map.depths), (2, 1, vec![value; 2]), "{names:?}");
+    }
+    let error = depth_maps::read::of_bytes(&exr_of(&["near", "far"]), None).unwrap_err();
+    assert!(error.contains("far, near"), "{error}");
 }
 
 /// A map of 2 x 3 whose file has its columns one after the other, as `numpy.save` writes a transposed array.

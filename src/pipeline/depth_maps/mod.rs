@@ -2,7 +2,7 @@
 
 pub mod read;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3};
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::effects::{DepthEvidence, DepthWitness};
 use crate::scene::camera::Camera;
 use crate::scene::lens::Lens;
-use crate::scene::{AlphaRole, DepthMap, Photo, Point, Resize, Scene, View, median};
+use crate::scene::{AlphaRole, DepthMap, Names, Photo, Point, Resize, Scene, View, median};
 use crate::wording::counted;
 use read::Map;
 
@@ -116,11 +116,17 @@ fn notes(
     known: &[[f64; 2]],
     (usable, points, unseen): (usize, usize, bool),
 ) -> Vec<String> {
-    let unread = |f: &Found| {
-        let what = f.map.as_ref().err()?;
-        Some(format!("depth map of {} {what}; not used", scene.views[f.views[0]].photo_name()))
+    let mut unread: BTreeMap<&str, Names> = BTreeMap::new();
+    for f in found {
+        if let Err(what) = &f.map {
+            unread.entry(what).or_default().add(scene.views[f.views[0]].photo_name());
+        }
+    }
+    let told = |(what, names): (&str, Names)| {
+        let each = if names.count == 1 { "it" } else { "each" };
+        format!("{} not used: {each} {what} ({names})", counted(names.count, "depth map"))
     };
-    let mut notes: Vec<String> = found.iter().filter_map(unread).collect();
+    let mut notes: Vec<String> = unread.into_iter().map(told).collect();
     let apart = found.iter().filter(|f| matches!(f.map, Ok((Scale::Apart, _)))).count();
     if apart > 0 {
         let maps = counted(apart, "depth map");

@@ -3,6 +3,8 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use exr::meta::MetaData;
+use exr::prelude::{ReadChannels, ReadLayers, Text};
 use half::f16;
 use image::{DynamicImage, ImageReader};
 use npyz::{DType, NpyFile, TypeChar};
@@ -23,7 +25,7 @@ pub struct Map {
     pub depths: Vec<f32>,
 }
 
-/// Reads a map: 16-bit whole numbers in steps of this many world units, thousandths if it is not given; others as they are.
+/// Reads a map: whole numbers in steps of this many world units, thousandths if it is not given; others as they are.
 ///
 /// # Errors
 /// A predicate that names the fault of the file.
@@ -33,7 +35,10 @@ pub fn read(path: &Path, step: Option<f64>) -> Result<Map, String> {
 
 /// As [`read`], of a file's bytes.
 pub fn of_bytes(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
-    let length = |steps: u16| (f64::from(steps) * step.unwrap_or(STEP)) as f32;
+    let length = |steps: f64| (steps * step.unwrap_or(STEP)) as f32;
+    if bytes.starts_with(EXR) {
+        return exr(bytes);
+    }
     if bytes.starts_with(b"\x93NUMPY") {
         return npy(bytes, length);
     }
@@ -41,7 +46,7 @@ pub fn of_bytes(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
     let decoded = reader.decode().map_err(|e| format!("cannot be decoded: {e}"))?;
     let (width, height) = (decoded.width(), decoded.height());
     let depths = match decoded {
-        DynamicImage::ImageLuma16(steps) => steps.into_raw().into_iter().map(length).collect(),
+        DynamicImage::ImageLuma16(steps) => steps.into_raw().into_iter().map(|v| length(v.into())).collect(),
         DynamicImage::ImageRgb32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         DynamicImage::ImageRgba32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         _ => return Err("has neither 16 bits nor floats".to_owned()),
@@ -49,7 +54,38 @@ pub fn of_bytes(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
     Ok(Map { width, height, depths })
 }
 
-fn npy(bytes: &[u8], length: impl Fn(u16) -> f32) -> Result<Map, String> {
+/// First bytes of an EXR file.
+const EXR: &[u8] = &[0x76, 0x2f, 0x31, 0x01];
+/// Last parts, in lower case, of the names that programs give to the channel of depths; colours have the same depth in each.
+const CHANNELS: [&str; 5] = ["z", "depth", "v", "y", "r"];
+/// Maximum number of values of a file, which may claim any.
+const MOST_VALUES: usize = 1 << 28;
+
+/// The channel of depths of an EXR file, or its only channel.
+fn exr(bytes: &[u8]) -> Result<Map, String> {
+    let damaged = |e: exr::error::Error| format!("cannot be decoded: {e}");
+    let headers = MetaData::read_from_buffered(bytes, false).map_err(damaged)?.headers;
+    let values = headers.iter().map(|h| h.layer_size.area().saturating_mul(h.channels.list.len()));
+    if values.fold(0, usize::saturating_add) > MOST_VALUES {
+        return Err("claims more values than a depth map has".to_owned());
+    }
+    let reader = exr::image::read::read().no_deep_data().largest_resolution_level().all_channels();
+    let layers =
+        reader.all_layers().all_attributes().non_parallel().from_buffered(Cursor::new(bytes)).map_err(damaged)?;
+    let layers = layers.layer_data;
+    let channels = || layers.iter().flat_map(|l| l.channel_data.list.iter().map(move |channel| (l.size, channel)));
+    let last = |name: &Text| name.to_string().rsplit('.').next().unwrap_or_default().to_lowercase();
+    let named = CHANNELS.iter().find_map(|wanted| channels().find(|(_, channel)| last(&channel.name) == *wanted));
+    let only = channels().next().filter(|_| channels().count() == 1);
+    let Some((size, channel)) = named.or(only) else {
+        let names: Vec<String> = channels().map(|(_, channel)| channel.name.to_string()).collect();
+        return Err(format!("has the channels {}, none of them Z, depth, V, Y or R", names.join(", ")));
+    };
+    let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    Ok(Map { width: side(size.0), height: side(size.1), depths: channel.sample_data.values_as_f32().collect() })
+}
+
+fn npy(bytes: &[u8], length: impl Fn(f64) -> f32) -> Result<Map, String> {
     let npy = NpyFile::new(bytes).map_err(|e| format!("cannot be read: {e}"))?;
     let (height, width) = match *npy.shape() {
         [h, w] | [h, w, 1] | [1, h, w] => (h, w),
@@ -66,8 +102,12 @@ fn npy(bytes: &[u8], length: impl Fn(u16) -> f32) -> Result<Map, String> {
         (TypeChar::Float, Some(4)) => npy.into_vec::<f32>().map_err(cut)?,
         (TypeChar::Float, Some(8)) => npy.into_vec::<f64>().map_err(cut)?.into_iter().map(|v| v as f32).collect(),
         (TypeChar::Float, Some(2)) => npy.into_vec::<f16>().map_err(cut)?.into_iter().map(f16::to_f32).collect(),
-        (TypeChar::Uint, Some(2)) => npy.into_vec::<u16>().map_err(cut)?.into_iter().map(length).collect(),
-        _ => return Err(format!("has numbers of type {kind}, not f2, f4, f8 or u2")),
+        (TypeChar::Uint, Some(2)) => {
+            npy.into_vec::<u16>().map_err(cut)?.into_iter().map(|v| length(v.into())).collect()
+        }
+        (TypeChar::Int, Some(2)) => npy.into_vec::<i16>().map_err(cut)?.into_iter().map(|v| length(v.into())).collect(),
+        (TypeChar::Int, Some(4)) => npy.into_vec::<i32>().map_err(cut)?.into_iter().map(|v| length(v.into())).collect(),
+        _ => return Err(format!("has numbers of type {kind}, not f2, f4, f8, u2, i2 or i4")),
     };
     let (width, height) = (width as usize, height as usize);
     let at = |i: usize| depths[i % width * height + i / width];
