@@ -3,7 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{DynamicImage, ImageReader, RgbaImage};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, RgbaImage};
 
 use super::error::Error;
 use super::jpeg::lacks_data;
@@ -34,6 +34,12 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     Ok(decoded)
 }
 
+/// The channels that a picture's header announces.
+pub(super) fn color_type(path: &Path) -> Option<ColorType> {
+    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).ok()?;
+    Some(reader.into_decoder().ok()?.color_type())
+}
+
 /// The bytes of a mask: grey, or, where that is the same throughout, alpha; both if both differ. Masks of small numbers hide
 /// where they are 0; the others' largest number is white.
 pub(super) fn counting(mask: DynamicImage) -> Vec<u8> {
@@ -49,6 +55,11 @@ pub(super) fn counting(mask: DynamicImage) -> Vec<u8> {
         most => bytes.iter_mut().for_each(|byte| *byte = (u16::from(*byte) * 255 / u16::from(most)) as u8),
     }
     bytes
+}
+
+/// True for the masks of instant-ngp, dynamic_mask_x.png, which hide what is not black.
+pub(super) fn hides_where_white(mask: &Path) -> bool {
+    mask.file_name().is_some_and(|name| name.to_string_lossy().to_lowercase().starts_with("dynamic_mask_"))
 }
 
 /// Red, green, blue and alpha in bytes. Floats, as of EXR, are linear in the amount of light: they get the curve of sRGB.

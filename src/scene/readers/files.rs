@@ -10,7 +10,7 @@ use crate::scene::Error;
 use crate::scene::image_size::image_size;
 
 /// Extensions of depth maps; `render --depth` writes the first.
-const DEPTHS: [&str; 6] = ["depth.npy", "npy", "depth.png", "png", "exr", "tif"];
+const DEPTHS: [&str; 7] = ["depth.npy", "npy", "depth.png", "png", "exr", "tif", "tiff"];
 
 /// The photo folder that the user names: within the scene, otherwise a path of its own.
 pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> {
@@ -110,14 +110,20 @@ impl Folders {
 }
 
 /// The depth map of a photo in a folder: with its name, or that of its file alone, and an extension of depth maps in place of its
-/// own or after it.
-pub(super) fn depth_map(folder: &Path, name: &str) -> Option<PathBuf> {
+/// own or after it, in any case.
+pub(super) fn depth_map(folders: &mut Folders, folder: &Path, name: &str) -> Option<PathBuf> {
     let last = name.rsplit('/').next().unwrap_or(name);
     let bases = [name, last].map(|name| folder.join(name));
     let candidates = bases.iter().flat_map(|base| {
         DEPTHS.iter().flat_map(move |extension| [base.with_extension(extension), appended(base, extension)])
     });
-    candidates.chain(bases.iter().cloned()).find(|path| path.is_file())
+    let candidates: Vec<PathBuf> = candidates.chain(bases.iter().cloned()).collect();
+    candidates.iter().find(|path| path.is_file()).cloned().or_else(|| {
+        candidates.iter().find_map(|path| {
+            let found = folders.of(path.parent()?).get(&key(&path.file_name()?.to_string_lossy()))?;
+            found.iter().find(|path| path.is_file()).cloned()
+        })
+    })
 }
 
 /// Width and height of the photo at `path`, if there is one with a legible header.

@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 
 use super::files::appended;
 use super::names::{belongs_to, is_photo_name, key, last};
-use super::tree::is_mask_folder;
+use super::tree::{is_map_folder, is_mask_folder};
+use crate::scene::image_file::{color_type, hides_where_white};
 use crate::wording::counted;
+use image::ColorType;
 
 /// The masks that go with a photo folder.
 pub(super) struct Masks {
@@ -16,6 +18,10 @@ pub(super) struct Masks {
     folder: Option<PathBuf>,
     index: OnceCell<Index>,
     found: Cell<usize>,
+    /// The folder that holds the photos' folder, within the capture.
+    beside: Option<PathBuf>,
+    /// The photo that was asked for first.
+    first: OnceCell<String>,
     /// Photos whose mask may be another folder's.
     shared: Cell<usize>,
 }
@@ -31,13 +37,16 @@ struct Index {
 impl Masks {
     /// The masks of the photos in `images`, in the capture at `root`.
     pub fn of(root: &Path, images: &Path) -> Self {
-        let (found, shared) = (Cell::new(0), Cell::new(0));
-        Self { images: images.to_owned(), folder: folder(root, images), index: OnceCell::new(), found, shared }
+        let beside = images.parent().filter(|_| images.starts_with(root) && images != root).map(Path::to_owned);
+        let (found, shared, first) = (Cell::new(0), Cell::new(0), OnceCell::new());
+        let (folder, index) = (folder(root, images), OnceCell::new());
+        Self { images: images.to_owned(), folder, index, found, beside, first, shared }
     }
 
     /// The mask of the photo `name`: in the mask folder as name.png, name.jpg.png or the name itself, otherwise under any
     /// name there or beside the photo that says whose it is.
     pub fn find(&self, name: &str) -> Option<PathBuf> {
+        self.first.get_or_init(|| name.to_owned());
         let plain = self.folder.as_ref().map(|folder| folder.join(name));
         let usual = plain.into_iter().flat_map(|p| [appended(&p, "png"), p.with_extension("png"), p]);
         let found = usual.into_iter().find(|p| p.is_file()).or_else(|| {
@@ -63,11 +72,36 @@ impl Masks {
                  photos' names"
             ));
         }
-        let folder = self.folder.as_ref().filter(|_| self.found.get() == 0)?;
+        if self.found.get() > 0 {
+            return None;
+        }
+        let Some(folder) = &self.folder else { return self.other_folder() };
         let held = files(folder);
-        let (first, _) = held.first()?;
+        let Some((first, _)) = held.first() else {
+            let mut unread = fs::read_dir(folder).into_iter().flatten().flatten();
+            let first = unread.next()?.file_name().to_string_lossy().into_owned();
+            return Some(format!("no mask used: {} holds no pictures that are read (but {first})", folder.display()));
+        };
         let number = counted(held.len(), "file");
         Some(format!("no mask used: {} holds {number} such as {first}, none with a photo's name", folder.display()))
+    }
+
+    /// A note on a folder beside the photos' that has a grey picture of a photo's name.
+    fn other_folder(&self) -> Option<String> {
+        let photo = self.first.get()?;
+        let grey = |path: PathBuf| matches!(color_type(&path), Some(ColorType::L8 | ColorType::La8));
+        if grey(self.images.join(photo)) {
+            return None;
+        }
+        let folders = fs::read_dir(self.beside.as_ref()?).into_iter().flatten().flatten();
+        let lower = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().to_lowercase();
+        let folders = folders.filter(|entry| !is_map_folder(&lower(entry))).map(|entry| entry.path());
+        let meant = |folder: &PathBuf| {
+            let same = folder.join(photo);
+            grey(same.with_extension("png")) || grey(same)
+        };
+        let folder = folders.filter(|folder| *folder != self.images).filter(meant).min()?;
+        Some(format!("no masks: if {} holds them, name it masks", folder.display()))
     }
 }
 
@@ -140,7 +174,7 @@ fn folder(root: &Path, images: &Path) -> Option<PathBuf> {
 }
 
 /// Finds masks of photos by their names in the folder `images`: in the mask folder beside it, or within it where that is
-/// the whole capture; otherwise in the folder of masks beside the photo itself.
+/// the whole capture; otherwise in the folder of masks beside the photo itself. Masks that hide where they are white are none.
 pub fn masks_of(images: &Path) -> impl Fn(&str) -> Option<PathBuf> {
     let images = images.to_owned();
     let own = images.file_name().is_some_and(|n| n == "input" || n.to_string_lossy().starts_with("images"));
@@ -148,12 +182,14 @@ pub fn masks_of(images: &Path) -> impl Fn(&str) -> Option<PathBuf> {
     let all = Masks::of(capture, &images);
     let beside = RefCell::new(HashMap::new());
     move |name| {
-        all.find(name).or_else(|| {
-            let photo = images.join(name);
-            let folder = photo.parent()?.to_owned();
-            let mut beside = beside.borrow_mut();
-            let masks = beside.entry(folder).or_insert_with_key(|folder| Masks::of(folder, folder));
-            masks.find(photo.file_name()?.to_str()?)
-        })
+        all.find(name)
+            .or_else(|| {
+                let photo = images.join(name);
+                let folder = photo.parent()?.to_owned();
+                let mut beside = beside.borrow_mut();
+                let masks = beside.entry(folder).or_insert_with_key(|folder| Masks::of(folder, folder));
+                masks.find(photo.file_name()?.to_str()?)
+            })
+            .filter(|mask| !hides_where_white(mask))
     }
 }

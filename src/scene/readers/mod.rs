@@ -115,7 +115,8 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let source = listing.source.clone();
     listing.views.sort_by(|a, b| a.name.cmp(&b.name));
     let mut skipped = listing.skipped;
-    let listed = drop_repeated(listing.views, &source, &mut skipped)?;
+    let mut listed = drop_repeated(listing.views, &source, &mut skipped)?;
+    unshare(&listing.root, &mut listed);
     if listed.is_empty() {
         let what = skipped.summary().join("; ");
         let what = if what.is_empty() { "it lists none".to_owned() } else { what };
@@ -130,11 +131,10 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
         let photos = counted(whole.count, "photo");
         skipped.notes.extend((whole.count > 0).then(|| format!("{photos} without a mask, used as a whole ({whole})")));
     }
-    let mut listed = listed;
     if let Some(asked) = &options.depth {
-        let folder = files::image_folder(&listing.root, asked)?;
+        let (folder, mut folders) = (files::image_folder(&listing.root, asked)?, files::Folders::default());
         for view in &mut listed {
-            view.depth = files::depth_map(&folder, &view.name);
+            view.depth = files::depth_map(&mut folders, &folder, &view.name);
             if view.depth.is_none() {
                 skipped.missing_depths.add(&view.name);
             }
@@ -254,6 +254,20 @@ fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -
         skipped.notes.push(format!("{views} listed for training and for test: a copied file is no split"));
     }
     Ok(kept)
+}
+
+/// No file is the photo of two views, where one of them is absent: the view that names it as it is keeps it, or else the first.
+fn unshare(root: &Path, views: &mut [ListedView]) {
+    let named = |view: &ListedView| names::last(&view.name) == view.image.file_name().unwrap_or_default();
+    let mut order: Vec<&mut ListedView> = views.iter_mut().collect();
+    order.sort_by_key(|view| !named(view)); // stable
+    let mut taken = HashSet::new();
+    for view in order {
+        if !taken.insert(view.image.clone()) {
+            let own = view.image.with_file_name(names::last(&view.name));
+            view.image = if own.is_file() { root.join(&view.name) } else { own };
+        }
+    }
 }
 
 /// The views with their ids and ideal cameras, at the real size of their photo if it is present and of the camera's shape.

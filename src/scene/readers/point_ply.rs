@@ -15,6 +15,9 @@ pub(super) fn read(path: &Path) -> Result<Vec<ListedPoint>, Error> {
 }
 
 fn points(bytes: &[u8]) -> Result<Vec<ListedPoint>, Fault> {
+    if !bytes.starts_with(b"ply") {
+        return Err(malformed("the beginning", "is no PLY file; convert the point cloud to PLY"));
+    }
     let header = Header::parse(bytes)?;
     let (tables, _) = tables(bytes, &header, &["vertex"])?;
     let Some(vertices) = tables.first() else { return Err(malformed("the header", "has no element vertex")) };
@@ -58,9 +61,7 @@ impl Colour {
         };
         let names = [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
         if let Some(columns) = names.into_iter().find_map(three) {
-            let kind = columns[0].kind();
-            let white = if kind.is_integer() { (1_u64 << (8 * kind.size())) as f64 - 1.0 } else { 1.0 };
-            return Self::Three(columns, white);
+            return Self::Three(columns, columns[0].white(0.0).into());
         }
         let packed = ["rgb", "rgba"].into_iter().find_map(|name| vertices.find(name));
         match (three(["f_dc_0", "f_dc_1", "f_dc_2"]), packed.filter(|slot| slot.kind().size() == 4)) {

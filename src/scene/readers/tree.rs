@@ -149,6 +149,11 @@ pub(super) fn is_mask_folder(lower: &str) -> bool {
     })
 }
 
+/// True for the name, in lower case, of a folder of maps that are no masks.
+pub(super) fn is_map_folder(lower: &str) -> bool {
+    MAPS.contains(&lower) && lower != "segmentation"
+}
+
 /// Names of the photos in a folder and its subfolders: those of its [`PhotoTree`].
 pub fn photo_names(folder: &Path) -> Vec<String> {
     PhotoTree::of(folder).names

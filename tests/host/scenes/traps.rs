@@ -38,7 +38,7 @@ fn load(root: &Path) -> (Vec<Photo>, String) {
 }
 
 /// A picture of two bytes a pixel, grey and alpha.
-fn grey(path: &Path, pixel: impl Fn(u32) -> [u8; 2]) {
+pub fn grey(path: &Path, pixel: impl Fn(u32) -> [u8; 2]) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     image::GrayAlphaImage::from_fn(64, 48, |x, _| image::LumaA(pixel(x))).save(path).unwrap();
 }
@@ -150,6 +150,7 @@ fn points_have_the_colours_of_their_file_whatever_they_are_called() {
     for (properties, values) in [
         ("uchar red uchar green uchar blue", "10 20 250"),
         ("ushort red ushort green ushort blue", "2570 5140 64250"),
+        ("int red int green int blue", "10 20 250"),
         ("float red float green float blue", "0.0392 0.0784 0.9804"),
         ("float red float green float blue", "10 20 250"),
         ("uchar diffuse_red uchar diffuse_green uchar diffuse_blue", "10 20 250"),

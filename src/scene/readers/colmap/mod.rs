@@ -44,11 +44,33 @@ struct PointRow {
 
 /// True if a folder holds a model, binary or text.
 pub(super) fn is_model(folder: &Path) -> bool {
-    ["bin", "txt"].iter().any(|e| has(folder, e))
+    ["cameras", "images"].iter().all(|name| part(folder, name).is_file())
 }
 
-fn has(folder: &Path, extension: &str) -> bool {
-    ["cameras", "images"].iter().all(|f| files::child(folder, &format!("{f}.{extension}")).is_file())
+/// A file of a model: binary, unless only the text has both cameras and images, or only the text is there.
+fn part(model: &Path, name: &str) -> PathBuf {
+    let file = |name: &str, extension: &str| files::child(model, &format!("{name}.{extension}"));
+    let has = |extension: &str| ["cameras", "images"].iter().all(|name| file(name, extension).is_file());
+    let order = if has("bin") || !has("txt") { ["bin", "txt"] } else { ["txt", "bin"] };
+    let [first, other] = order.map(|extension| file(name, extension));
+    if first.is_file() || !other.is_file() { first } else { other }
+}
+
+/// Reads a file of a model by the reader of its kind.
+fn read_part<T>(
+    path: &Path,
+    binary: impl Fn(&Path) -> Result<T, Error>,
+    text: impl Fn(&Path) -> Result<T, Error>,
+) -> Result<T, Error> {
+    if is_text(path) { text(path) } else { binary(path) }
+}
+
+fn is_text(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("txt"))
+}
+
+fn read_images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
+    read_part(path, |path| binary::images(path, marks), |path| text::images(path, marks))
 }
 
 /// The numbers of cameras of a model's rigs that have several: COLMAP 3.12 and later write them.
@@ -87,27 +109,17 @@ pub(super) fn largest(sparse: &Path) -> Option<(PathBuf, Option<String>)> {
 
 /// The number of a model's images; 0 if its file cannot be read.
 fn images_of(model: &Path) -> usize {
-    let file = |extension: &str| files::child(model, &format!("images.{extension}"));
-    let rows = if has(model, "bin") { binary::images(&file("bin"), false) } else { text::images(&file("txt"), false) };
-    rows.map_or(0, |rows| rows.len())
+    read_images(&part(model, "images"), false).map_or(0, |rows| rows.len())
 }
 
-/// Reads the model in `model`, which belongs to the scene at `root`; binary files take precedence over text.
+/// Reads the model in `model`, which belongs to the scene at `root`.
 pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<Listing, Error> {
-    let binary = has(model, "bin");
-    let extension = if binary { "bin" } else { "txt" };
-    let file = |name: &str| files::child(model, &format!("{name}.{extension}"));
-    let (cameras_file, source, points_file) = (file("cameras"), file("images"), file("points3D"));
-    let (cameras, rows) = if binary {
-        (binary::cameras(&cameras_file)?, binary::images(&source, options.check)?)
-    } else {
-        (text::cameras(&cameras_file)?, text::images(&source, options.check)?)
-    };
-    let points = match (points_file.is_file(), binary) {
-        (false, _) => Vec::new(), // cameras alone can be rendered; training then starts from random points
-        (true, true) => binary::points(&points_file)?,
-        (true, false) => text::points(&points_file)?,
-    };
+    let [cameras_file, source, points_file] = ["cameras", "images", "points3D"].map(|name| part(model, name));
+    let cameras = read_part(&cameras_file, binary::cameras, text::cameras)?;
+    let rows = read_images(&source, options.check)?;
+    // Cameras alone can be rendered; training then starts from random points.
+    let points =
+        if points_file.is_file() { read_part(&points_file, binary::points, text::points)? } else { Vec::new() };
 
     let root = if root == model { scene_of(model) } else { root.to_owned() };
     let images = photo_folder(&root, options, &rows)?;
@@ -169,7 +181,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
         let beside = ["points3D.ply", "points3d.ply"].iter().map(|name| model.join(name));
         kept = clouds::beside(beside, &root, &mut skipped);
     }
-    let kind = if binary { SceneKind::ColmapBinary } else { SceneKind::ColmapText };
+    let kind = if is_text(&source) { SceneKind::ColmapText } else { SceneKind::ColmapBinary };
     let photos = options.images.is_none().then_some(images);
     Ok(Listing { kind, root, source, views, points: kept, skipped, photos })
 }

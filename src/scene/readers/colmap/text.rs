@@ -31,7 +31,10 @@ impl<'a> Fields<'a> {
 
     fn value<T: FromStr>(&mut self, what: &str) -> Result<T, String> {
         let word = self.word(what)?;
-        word.parse().map_err(|_| format!("its {what} (field {}) is not a number of its kind: {word:?}", self.taken))
+        let told = |_| format!("its {what} (field {}) is not a number of its kind: {word:?}", self.taken);
+        // Whole numbers may be written as 1920.0.
+        let whole = word.trim_end_matches('0').strip_suffix('.').unwrap_or(word);
+        word.parse().or_else(|_| whole.parse()).map_err(told)
     }
 
     fn values<const N: usize>(&mut self, what: &str) -> Result<[f64; N], String> {

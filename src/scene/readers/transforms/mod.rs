@@ -200,6 +200,11 @@ impl Reader<'_> {
         let own = Intrinsics::of(json).map_err(|e| wrong(&record, e.to_string()))?;
         let name = tidy(&frame.file_path);
         record = format!("{record} ({name:?})");
+        if json.get("transform_matrix").is_some_and(Value::is_null) && frame.transform_matrix_start.is_null() {
+            // Some writers list photos that were not posed.
+            self.skipped.bad_poses.add(&name);
+            return Ok(());
+        }
         let Some(mut rows) = frame.rows().filter(|_| !name.is_empty()) else {
             return Err(wrong(&record, "needs a file_path and a transform_matrix of 4 x 4 numbers".to_owned()));
         };
