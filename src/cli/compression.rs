@@ -10,6 +10,7 @@ use crate::job::{Error, Selection};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Selection of Gaussians, views for evidence and scores, and rendering.
@@ -126,6 +127,7 @@ impl CompressArgs {
                 eval_every: self.eval_every.unwrap_or(8),
                 background: self.background,
                 effects: Overrides::default(),
+                contents: BTreeMap::new(),
             }),
             None => ViewSource::OwnPictures {
                 cameras: VirtualCameras {

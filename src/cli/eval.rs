@@ -15,6 +15,7 @@ use crate::metrics::{Networks, Scores};
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::place::{align, place};
 use crate::render::Style;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -155,6 +156,7 @@ impl Arguments {
             eval_every: self.eval_every.or(base.as_ref().map(|b| b.eval_every)).unwrap_or(8),
             background: self.background.or(base.as_ref().and_then(|b| b.background)),
             effects: base.map(|b| b.effects).unwrap_or_default(),
+            contents: BTreeMap::new(),
         };
         Ok(Evaluation { selection, style, exposure })
     }

@@ -55,7 +55,9 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Diagnostics { .. } => plain(
             "use it with the model before the prune: the input of `compress`, or the .ply that `run` wrote beside it",
         ),
-        Error::LostPhoto { .. } => plain("restore the photo, or plan again in a new folder"),
+        Error::LostPhoto { .. } | Error::ChangedPhoto { .. } => {
+            plain("restore the photo, or plan again in a new folder")
+        }
         Error::OtherDevice { .. } => {
             plain("use a machine like the plan's, or allow this one with --mixed: the bytes may then differ")
         }

@@ -1,6 +1,7 @@
 //! The user's decisions on effects.
 
 use super::effect::{Effect, Trigger};
+use crate::scene::AlphaRole;
 use crate::wording::{named, unknown};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -44,6 +45,15 @@ impl Overrides {
             Choice::Auto => self.0.remove(&effect),
             _ => self.0.insert(effect, choice),
         };
+    }
+
+    /// Keeps the meaning that alpha and masks have in all photos of a capture, for jobs that see a part of them.
+    pub fn keep_alpha(&mut self, role: AlphaRole) {
+        let alpha = role == AlphaRole::Alpha;
+        self.set(Effect::Transparency, if alpha { Choice::On } else { Choice::Off });
+        if alpha {
+            self.set(Effect::Masks, Choice::Off);
+        }
     }
 
     /// Returns true if every effect is left to the scene.

@@ -112,6 +112,9 @@ pub enum Error {
     /// A planned job needs a photo that cannot be read any more.
     #[error("{}: photo {photo} cannot be read; it could be when the job was planned", scene.display())]
     LostPhoto { scene: PathBuf, photo: String },
+    /// A planned job needs a photo that is another one now.
+    #[error("{}: photo {photo}, its mask, depth map or camera has changed since the job was planned", scene.display())]
+    ChangedPhoto { scene: PathBuf, photo: String },
     /// A device whose results differ in their bits from those of the device that a job was planned on.
     #[error(
         "results on this device (fingerprint {here}) are not bit-identical to those of the plan's device ({planned})"

@@ -8,7 +8,7 @@ use crate::gpu::Timings;
 use crate::job::Error;
 use crate::job::config::RunConfig;
 use crate::render::Style;
-use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, View, load_photos, median};
+use crate::scene::{EVAL_EVERY, LoadOptions, LoadedPhotos, Resize, Scene, Skipped, View, load_photos, median};
 use crate::train::{self, schedule::Schedule};
 use rayon::prelude::*;
 use std::io;
@@ -30,26 +30,33 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
     Ok((decisions, gains.believed()))
 }
 
-/// Decides on the effects of a scene on disk; photos that are absent or damaged are left out.
-pub fn of_scene(scene: &Scene) -> Result<Vec<Decision>, Error> {
+/// Decides on the effects of a scene on disk, and returns what the photos, masks and depth maps give cause to tell. Photos that are
+/// absent or damaged are left out.
+pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Vec<String>), Error> {
     let mut scene = scene.clone();
     // Without any photo the detectors still name what is missing.
     let _ = scene.require_photos();
     // Damaged photos must not change which are held out: the split comes first.
     let split = scene.split(EVAL_EVERY).train;
-    let views: Vec<&View> = split.iter().map(|i| &scene.views[*i]).collect();
+    let views: Vec<&View> = scene.views.iter().collect();
     let options = LoadOptions { resize: Resize::Width(THUMBNAIL_WIDTH), ..LoadOptions::default() };
+    let LoadedPhotos { photos: loaded, mut notes, without_mask } = load_photos(&views, &options, &|_| ())?;
+    let mut left_out = Skipped::default();
+    for at in without_mask {
+        left_out.damaged_masks.add_photo(views[at]);
+    }
     let (mut train, mut photos) = (Vec::new(), Vec::new());
-    for (view, photo) in split.iter().zip(load_photos(&views, &options, &|_| ())?) {
-        if let Ok(photo) = photo {
-            train.push(*view);
-            photos.push(Thumbnail::of(&photo).map_err(train::Error::Photos)?);
+    for view in split {
+        if let Ok(photo) = &loaded[view] {
+            train.push(view);
+            photos.push(Thumbnail::of(photo).map_err(train::Error::Photos)?);
         }
     }
-    let depths = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH)).evidence;
-    let iterations = Schedule::default().iterations;
+    let maps = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH));
+    notes.extend(left_out.summary().into_iter().chain(maps.notes));
+    let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
     let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
-    Ok(effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0)
+    Ok((effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0, notes))
 }
 
 /// Decides on view dependence for a model without photos: the SH bands that change a colour by 1/255 or more.

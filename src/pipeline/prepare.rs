@@ -9,10 +9,11 @@ use crate::job::config::Selection;
 use crate::job::watcher::Watcher;
 use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
-use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene};
+use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene, View};
 use crate::train;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashSet};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// A scene ready to train on.
@@ -55,15 +56,7 @@ impl Prepared {
         let sum = |(name, photo): (String, &Photo)| {
             let pixels = photo.pixels.read().map_err(train::Error::Photos)?;
             let depths = photo.depth.as_ref().map(|map| bytemuck::cast_slice(&map.depths)).unwrap_or_default();
-            let Camera { rotation, translation, focal, principal, .. } = &photo.camera;
-            let camera: Vec<f32> = rotation
-                .to_cols_array()
-                .into_iter()
-                .chain(translation.to_array())
-                .chain([focal.x, focal.y, principal.x, principal.y])
-                .map(|value| value as f32)
-                .collect();
-            Ok((name, crc32([&*pixels, depths, bytemuck::cast_slice(&camera)])))
+            Ok((name, crc32([&*pixels, depths, bytemuck::cast_slice(&numbers(&photo.camera))])))
         };
         all.into_par_iter().map(sum).collect()
     }
@@ -141,6 +134,44 @@ pub fn all_there(scene: &Scene, names: &[String]) -> Result<(), Error> {
         Some(photo) => Err(Error::LostPhoto { scene: scene.source.clone(), photo: photo.clone() }),
         None => Ok(()),
     }
+}
+
+/// CRC-32 of each view by name: of its photo's, mask's and depth map's files, and of its camera in float32.
+///
+/// # Errors
+/// Files that cannot be read.
+pub fn contents(scene: &Scene) -> Result<BTreeMap<String, u32>, Error> {
+    let read = |path: &Path| fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source });
+    let sum = |view: &View| {
+        let files = [Some(&view.image), view.mask.as_ref(), view.depth.as_ref()].into_iter().flatten();
+        let files: Vec<Vec<u8>> = files.map(|path| read(path)).collect::<Result<_, _>>()?;
+        let camera = numbers(&view.camera);
+        let parts = files.iter().map(Vec::as_slice).chain([bytemuck::cast_slice(&camera)]);
+        Ok((view.name.clone(), crc32(parts)))
+    };
+    scene.views.par_iter().map(sum).collect()
+}
+
+/// Refuses a scene whose views are not those that a job was planned on; without a plan, accepts any.
+///
+/// # Errors
+/// [`Error::ChangedPhoto`] for the first view that differs; files that cannot be read.
+pub fn unchanged(scene: &Scene, planned: &BTreeMap<String, u32>) -> Result<(), Error> {
+    if planned.is_empty() {
+        return Ok(());
+    }
+    let other = contents(scene)?.into_iter().find(|(name, sum)| planned.get(name) != Some(sum));
+    match other {
+        Some((photo, _)) => Err(Error::ChangedPhoto { scene: scene.source.clone(), photo }),
+        None => Ok(()),
+    }
+}
+
+/// The numbers of a camera in float32.
+fn numbers(camera: &Camera) -> Vec<f32> {
+    let Camera { rotation, translation, focal, principal, .. } = camera;
+    let pose = rotation.to_cols_array().into_iter().chain(translation.to_array());
+    pose.chain([focal.x, focal.y, principal.x, principal.y]).map(|value| value as f32).collect()
 }
 
 /// A scene whose photos exist but are not decoded yet.
@@ -248,7 +279,7 @@ impl Opened {
     /// No photo can be decoded; [`Error::LostPhoto`] for one of [`Opened::only`]; a temporary file that cannot be written.
     pub fn load(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let Self { mut scene, resize, selection, required, depths: (maps, points) } = self;
-        let [alpha, masks] = [Effect::Transparency, Effect::Masks].map(|effect| selection.effects.allow(effect));
+        let (alpha, masks) = (selection.effects.forced(Effect::Transparency), selection.effects.allow(Effect::Masks));
         let options = LoadOptions { resize, alpha, masks, memory };
         let total = scene.views.len();
         let mut photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
@@ -260,6 +291,7 @@ impl Opened {
             watcher.note(&line);
         }
         all_there(&scene, &required)?;
+        unchanged(&scene, &selection.contents)?;
         let split = scene.split(selection.eval_every);
         if let ([_], [], 2..) = (scene.views.as_slice(), split.test.as_slice(), selection.eval_every) {
             watcher.note("there is one photo: it is trained on, and none is held out (as by --eval-every 0)");

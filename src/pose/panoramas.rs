@@ -44,7 +44,8 @@ pub(super) fn cut(folder: &Folder, names: &[String], watcher: &dyn Watcher) -> R
         let mask = folder.masks().join(Path::new(name).with_extension("png"));
         let faces = View::of_panorama(&file, mask.is_file().then_some(mask.as_path()))?;
         let views: Vec<&View> = faces.iter().map(|(_, view)| view).collect();
-        let photos = load_photos(&views, &LoadOptions { alpha: false, ..LoadOptions::default() }, &|_| ())?;
+        let photos =
+            load_photos(&views, &LoadOptions { alpha: Some(false), ..LoadOptions::default() }, &|_| ())?.photos;
         for ((face, _), photo) in faces.iter().zip(photos) {
             let name = format!("{face}/{name}");
             write(&folder.images().join(&name), &folder.masks().join(Path::new(&name).with_extension("png")), &photo?)?;

@@ -8,12 +8,12 @@ use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::DVec2;
-use image::{ImageDecoder, ImageReader};
+use image::ColorType;
 use rayon::prelude::*;
 
 use super::camera::Camera;
 use super::error::Error;
-use super::image_file::{counting, decode, to_bytes};
+use super::image_file::{color_type, counting, decode, hides_where_white, to_bytes};
 use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
 use super::resample::{Raster, area_average, cut, undistort};
@@ -25,8 +25,8 @@ use crate::wording::counted;
 pub struct LoadOptions<'a> {
     /// The working size.
     pub resize: Resize,
-    /// True to use alpha; otherwise every photo is opaque.
-    pub alpha: bool,
+    /// True to use alpha, however little there is, false to take every photo as opaque; if not given, the photos decide.
+    pub alpha: Option<bool>,
     /// True to use masks.
     pub masks: bool,
     /// Memory for the decoded pixels.
@@ -36,7 +36,7 @@ pub struct LoadOptions<'a> {
 impl Default for LoadOptions<'_> {
     /// At full size with alpha and masks, in memory.
     fn default() -> Self {
-        Self { resize: Resize::Full, alpha: true, masks: true, memory: PhotoMemory::default() }
+        Self { resize: Resize::Full, alpha: None, masks: true, memory: PhotoMemory::default() }
     }
 }
 
@@ -64,14 +64,16 @@ pub const ALPHA_SHARE: f64 = 0.005;
 const NOTHING: f64 = 0.9999;
 
 /// Photos as loaded, and what to tell of them.
-pub(super) struct LoadedPhotos {
+pub struct LoadedPhotos {
+    /// In the order of the views; a damaged photo fails alone.
     pub photos: Vec<Result<Photo, Error>>,
+    /// Notes for the user.
     pub notes: Vec<String>,
     /// Views whose mask cannot be used, ascending.
     pub without_mask: Vec<usize>,
 }
 
-/// Decodes the photos of many views in parallel, in the order of the views; a damaged photo fails alone.
+/// Decodes the photos of many views in parallel.
 ///
 /// The fourth byte has the same meaning in all photos: alpha if more than [`ALPHA_SHARE`] of all pixels is transparent;
 /// otherwise a mask if any view has one. A mask that cannot be used hides nothing.
@@ -81,20 +83,11 @@ pub fn load_photos(
     views: &[&View],
     options: &LoadOptions<'_>,
     progress: &(dyn Fn(usize) + Sync),
-) -> Result<Vec<Result<Photo, Error>>, Error> {
-    load(views, options, progress).map(|loaded| loaded.photos)
-}
-
-/// As [`load_photos`], with what to tell of them.
-pub(super) fn load(
-    views: &[&View],
-    options: &LoadOptions<'_>,
-    progress: &(dyn Fn(usize) + Sync),
 ) -> Result<LoadedPhotos, Error> {
     let cameras: Vec<Camera> = views.iter().map(|view| view.camera_at(options.resize)).collect();
     let store = Store::new(&cameras, options.memory)?;
     let has_masks = options.masks && views.iter().any(|view| view.is_masked());
-    let announced = options.alpha && views.par_iter().any(|view| view.announces_alpha());
+    let announced = options.alpha != Some(false) && views.par_iter().any(|view| view.announces_alpha());
     let masked = has_masks && !announced;
     let done = AtomicUsize::new(0);
     // A damaged photo fails alone; a full disk ends everything.
@@ -107,7 +100,7 @@ pub(super) fn load(
                 let (transparent, no_mask) = (decoded.transparent, masked && matches!(decoded.mask, Mask::Damaged));
                 let hides_all = |mask: &Mask| matches!(mask, Mask::Of(mask) if mask.iter().all(|byte| *byte == 0));
                 let hidden = masked && views[at].face.is_none() && hides_all(&decoded.mask);
-                let (alpha_role, pixels) = decoded.settle(options.alpha, masked);
+                let (alpha_role, pixels) = decoded.settle(announced, masked);
                 let camera = cameras[at].clone();
                 (
                     Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None }),
@@ -139,9 +132,9 @@ pub(super) fn load(
     let pixels: f64 =
         loaded.iter().filter_map(|(photo, ..)| photo.as_ref().ok()).map(|p| p.camera.pixels() as f64).sum();
     let share = loaded.iter().map(|(_, transparent, _)| transparent).sum::<f64>() / pixels.max(1.0);
-    if announced && (share > NOTHING || share < ALPHA_SHARE && (share > 0.0 || has_masks)) {
+    if options.alpha.is_none() && announced && (share > NOTHING || share < ALPHA_SHARE && (share > 0.0 || has_masks)) {
         drop((loaded, store));
-        let mut again = load(views, &LoadOptions { alpha: false, ..*options }, progress)?;
+        let mut again = load_photos(views, &LoadOptions { alpha: Some(false), ..*options }, progress)?;
         if share > NOTHING {
             again.notes.push("all of the photos is transparent: taken as opaque".to_owned());
         } else if share > 0.0 {
@@ -248,14 +241,13 @@ impl View {
     /// [`Error::Io`] where a file cannot be read; [`Error::Photo`] where it is damaged or does not have the camera's
     /// shape.
     pub fn load_photo(&self, resize: Resize) -> Result<Photo, Error> {
-        let mut photos = load_photos(&[self], &LoadOptions { resize, ..LoadOptions::default() }, &|_| ())?;
-        photos.remove(0)
+        let mut loaded = load_photos(&[self], &LoadOptions { resize, ..LoadOptions::default() }, &|_| ())?;
+        loaded.photos.remove(0)
     }
 
     /// True if the photo's header announces an alpha channel.
     pub fn announces_alpha(&self) -> bool {
-        let reader = ImageReader::open(&self.image).and_then(ImageReader::with_guessed_format).ok();
-        reader.and_then(|r| r.into_decoder().ok()).is_some_and(|d| d.color_type().has_alpha())
+        color_type(&self.image).is_some_and(ColorType::has_alpha)
     }
 
     /// Decodes the view's photo and its mask.
@@ -287,7 +279,14 @@ impl View {
 
     fn decode_mask(&self, path: &Path) -> Result<Raster<1>, Error> {
         let decoded = decode(path)?;
-        let mask = Raster::<1> { width: decoded.width(), height: decoded.height(), pixels: counting(decoded) };
+        let (width, height) = (decoded.width(), decoded.height());
+        let mut pixels = counting(decoded);
+        if hides_where_white(path) {
+            for byte in &mut pixels {
+                *byte = 255 - *byte;
+            }
+        }
+        let mask = Raster::<1> { width, height, pixels };
         if !self.lens.fits(mask.width, mask.height) {
             let (own, photo) = ([mask.width, mask.height], [self.lens.width, self.lens.height]);
             let what =

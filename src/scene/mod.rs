@@ -35,8 +35,7 @@ use serde::Serialize;
 
 use crate::wording::counted;
 
-use decode::LoadedPhotos;
-pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, load_photos};
+pub use decode::{ALPHA_SHARE, LoadOptions, LoadedPhotos, PhotoMemory, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
 pub(crate) use median::median;
@@ -202,7 +201,7 @@ impl Scene {
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Vec<Photo>, Error> {
         let views: Vec<&View> = self.views.iter().collect();
-        let LoadedPhotos { photos, notes, without_mask } = decode::load(&views, options, progress)?;
+        let LoadedPhotos { photos, notes, without_mask } = load_photos(&views, options, progress)?;
         for at in without_mask {
             self.skipped.damaged_masks.add_photo(&self.views[at]);
         }

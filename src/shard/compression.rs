@@ -7,6 +7,7 @@ use crate::job::output::{absolute, bytes_on_disk, respell};
 use crate::job::records::{ModelFile, PruneRecord, StageScores, ViewStages};
 use crate::job::{Error, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
+use crate::pipeline::prepare::{contents, open};
 use crate::response::CHUNK;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -67,11 +68,13 @@ impl CompressPlan {
             let Selection { scene, images, depth, .. } = selection;
             respell(scene, [images, depth], absolute);
         }
-        let stages::Census { chunks, test_views, photos, background, protocol } =
+        let stages::Census { chunks, test_views, photos, background, alpha_role, protocol } =
             stages::census(session, model, &config)?;
         if let ViewSource::Photos(selection) = &mut config.views {
-            // Tasks decode only a few photos, but the background depends on all of them.
+            selection.contents = contents(&open(selection)?.only(&photos.concat())?.scene)?;
+            // Tasks decode only a few photos, but background and alpha depend on all of them.
             selection.background = Some(background);
+            selection.effects.keep_alpha(alpha_role);
         }
         let path = absolute(path);
         Ok(Self {

@@ -79,8 +79,8 @@ impl Capture {
     pub fn photo(&self, n: usize) -> Result<Photo, Error> {
         let view = self.scene.views.get(n).ok_or_else(|| Error::Usage(format!("there is no photo {n}")))?;
         let options = LoadOptions { resize: self.resize, ..LoadOptions::default() };
-        let mut photos = load_photos(&[view], &options, &|_| ()).map_err(Error::Scene)?;
-        photos.remove(0).map_err(Error::Scene)
+        let mut loaded = load_photos(&[view], &options, &|_| ()).map_err(Error::Scene)?;
+        loaded.photos.remove(0).map_err(Error::Scene)
     }
 
     /// The usual background of the photos: white if they have alpha, as in Blender's scenes, otherwise black.

@@ -237,7 +237,7 @@ fn the_evidence_decides_on_the_loss() {
     let options = SynthOptions { views: 9, width: 64, height: 48, points: 300, depth: true, ..SynthOptions::default() };
     write_scene(folder.path(), &options, &|_| ()).unwrap();
     let decide_on = |scene: &Scene| {
-        let decisions = of_scene(scene).unwrap();
+        let (decisions, _) = of_scene(scene).unwrap();
         let decision = decisions.into_iter().find(|d| d.name == Effect::Depth).unwrap();
         println!("{}", decision.evidence);
         (decision.on, decision.evidence)

@@ -8,7 +8,8 @@ use qirf_vk::synth::{self, SynthOptions, write};
 use std::path::Path;
 
 fn decisions(path: &Path) -> Vec<Decision> {
-    let decisions = of_scene(&Scene::open(path, &OpenOptions::default()).expect("a scene")).expect("photos");
+    let scene = Scene::open(path, &OpenOptions::default()).expect("a scene");
+    let (decisions, _) = of_scene(&scene).expect("photos");
     for d in &decisions {
         println!("  {:<16} {:<5} {:?} {}", d.name.name(), d.on, d.degree, d.evidence);
     }

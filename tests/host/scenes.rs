@@ -2,6 +2,7 @@
 
 mod damage;
 mod dialects;
+mod leftovers;
 mod lens;
 mod panorama;
 mod places;

@@ -270,4 +270,7 @@ fn tasks_decode_their_own_photos() {
     stage.works(&["shard", "task", "a", "evidence/0000"]);
     stage.works(&["shard", "task", "a", "score/0000"]);
     stage.refused(3, &[&last, "when the job was planned"], &["shard", "task", "a", "evidence/0001"]);
+    let first = photos[0][0].as_str().unwrap();
+    fs::copy(stage.path("capture/images").join(first), stage.path("capture/images").join(&last)).unwrap();
+    stage.refused(3, &[&last, "has changed since the job was planned"], &["shard", "task", "a", "evidence/0001"]);
 }

@@ -24,6 +24,7 @@ use crate::wording::counted;
 use glam::DVec3;
 use operations::{Asked, Operation, Operations};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -185,6 +186,7 @@ impl Arguments {
                     eval_every: EVAL_EVERY,
                     background: None,
                     effects: Overrides::default(),
+                    contents: BTreeMap::new(),
                 };
                 floaters::by_photos(&session, (model, origin), &selection, style)?
             }

@@ -111,6 +111,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         refuse_photo_folders(&scene, [file.to_owned()].iter())?;
         page(&scene, &split, &doubts, file)?;
     }
+    let (decisions, notes) = effects::of_scene(&scene)?;
     let tracks: usize = scene.points.iter().map(|p| p.track.len()).sum();
     Ok(json!({
         "kind": "scene",
@@ -136,9 +137,9 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "origin": scene.origin.to_array(),
         "train_views": split.train.len(),
         "test_views": split.test.len(),
-        "skipped": scene.left_out().summary(),
+        "skipped": scene.left_out().summary().into_iter().chain(notes).collect::<Vec<_>>(),
         "advice": doubts.advice().into_iter().chain(scene.lacks_points()).collect::<Vec<_>>(),
-        "effects": effects::of_scene(&scene)?,
+        "effects": decisions,
     }))
 }
 

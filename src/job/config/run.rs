@@ -11,6 +11,7 @@ use crate::render::Style;
 use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// A preset of the schedule.
@@ -179,6 +180,9 @@ pub struct Selection {
     pub background: Option<[f32; 3]>,
     /// The user's decisions on effects; those on undistortion, transparency and masks are used.
     pub effects: Overrides,
+    /// CRC-32 of each photo's files and camera by name, of photos that must not change; none if any are accepted.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub contents: BTreeMap<String, u32>,
 }
 
 impl RunConfig {
@@ -246,6 +250,7 @@ impl RunConfig {
             eval_every: self.eval_every,
             background: self.background,
             effects: self.effects.clone(),
+            contents: BTreeMap::new(),
         }
     }
 }

@@ -12,6 +12,7 @@ use crate::job::session::Session;
 use crate::pipeline::prune::{self, PrunePlan, PruneRequest};
 use crate::pipeline::virtual_views::ALL;
 use crate::response::{CHUNK, Responses};
+use crate::scene::AlphaRole;
 use crate::train::{Exposures, exposure};
 use std::ops::Range;
 
@@ -28,6 +29,8 @@ pub struct Census {
     pub photos: [Vec<String>; 2],
     /// Background of the pictures.
     pub background: [f32; 3],
+    /// Meaning of the photos' fourth byte.
+    pub alpha_role: AlphaRole,
     /// Conditions of the measurement.
     pub protocol: CompressProtocol,
 }
@@ -43,8 +46,9 @@ pub fn census(session: &Session<'_>, model: &Gaussians, config: &CompressConfig)
     let test_views = drawn.unwrap_or(views.test.len());
     let protocol = CompressProtocol { test_views, ..views.protocol(config) };
     let chunks = views.train.len().div_ceil(CHUNK);
+    let alpha_role = AlphaRole::of(views.train.iter().chain(views.test.iter().map(|(_, photo)| photo)));
     let photos = [views.names, views.test.into_iter().map(|(name, _)| name).collect()];
-    Ok(Census { chunks, test_views, photos, background: views.settings.background, protocol })
+    Ok(Census { chunks, test_views, photos, background: views.settings.background, alpha_role, protocol })
 }
 
 /// The responses of one chunk of views. If `photos` are named, only those of the chunk are decoded; they may have known

@@ -10,7 +10,7 @@ use super::seen::seen;
 use crate::effects::{Choice, Effect};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::job::config::{Init, Pruning, RunConfig};
+use crate::job::config::{Init, Pruning, RunConfig, Selection};
 use crate::job::output::absolute;
 use crate::job::records::PruneRecord;
 use crate::job::session::Session;
@@ -18,20 +18,20 @@ use crate::job::{Error, Output};
 use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
-use crate::pipeline::prepare::{Opened, all_there, open};
+use crate::pipeline::prepare::{Opened, all_there, contents, open, unchanged};
 use crate::pipeline::prune::PrunePlan;
 use crate::pipeline::setup::Setup;
 use crate::pipeline::start::Start;
 use crate::pipeline::{budget, effects, virtual_views};
 use crate::qirf::select::budget::Keep;
 use crate::response::{CHUNK, Responses, Wanted};
-use crate::scene::Skipped;
 use crate::scene::camera::{self, Camera};
+use crate::scene::{AlphaRole, Skipped};
 use crate::shard::kd_tree::{Cells, Contraction};
 use crate::train::Exposures;
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 
 /// Largest sides of photos beyond which the coarse model uses them at half and at a quarter of their size.
 const LARGE: [u32; 2] = [256, 1024];
@@ -53,6 +53,8 @@ pub struct BlockRun {
     pub photos: Vec<String>,
     /// Names of the photos held out.
     pub held_out: Vec<String>,
+    /// CRC-32 of each photo's files and camera, by name.
+    pub contents: BTreeMap<String, u32>,
     /// Largest width and height among these photos.
     pub image_size: [u32; 2],
     /// Parts of the scene that its readers left out.
@@ -112,9 +114,11 @@ impl BlockRun {
             None => budget::blocks(session.device, &config, &prepared, initial)?,
         };
         let image_size = camera::largest(prepared.views().map(|view| &view.camera));
+        config.effects.keep_alpha(AlphaRole::of(prepared.views()));
+        let contents = contents(&prepared.scene)?;
         let (origin, unit) = (prepared.scene.origin.to_array(), prepared.scene.use_usual_unit());
         let skipped = prepared.scene.skipped;
-        Ok(Self { config, blocks, photos, held_out, image_size, skipped, origin, unit })
+        Ok(Self { config, blocks, photos, held_out, contents, image_size, skipped, origin, unit })
     }
 
     /// Number of chunks of photos for responses; 0 without a prune.
@@ -124,13 +128,19 @@ impl BlockRun {
 
     /// The scene with its training photos alone, not decoded.
     pub(super) fn opened(&self) -> Result<Opened, Error> {
-        open(&self.config.selection())?.only(&self.photos)
+        open(&self.selection())?.only(&self.photos)
+    }
+
+    /// The scene's pictures, of photos that have not changed.
+    pub(super) fn selection(&self) -> Selection {
+        Selection { contents: self.contents.clone(), ..self.config.selection() }
     }
 
     /// A coarse model of the whole scene, by a short run on small pictures. It continues from the checkpoint in
     /// `output`, if there is one.
     pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
         let opened = self.opened()?;
+        unchanged(&opened.scene, &self.contents)?;
         let points = self.config.init == Init::Points && opened.scene.lacks_points().is_none();
         let config = coarse(&self.config, divisor(opened.size()), points);
         let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;

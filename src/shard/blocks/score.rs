@@ -15,7 +15,7 @@ impl BlockRun {
     /// Measures the joined model on some of the photos, by number: held-out photos come first, then training photos.
     pub fn score(&self, session: &Session<'_>, model: &Gaussians, photos: Range<usize>) -> Result<Assessment, Error> {
         let RunConfig { style, exposure, .. } = self.config;
-        let evaluation = Evaluation { selection: self.config.selection(), style, exposure };
+        let evaluation = Evaluation { selection: self.selection(), style, exposure };
         let first = self.held_out.len();
         let held_out = &self.held_out[photos.start.min(first)..photos.end.min(first)];
         let trained = &self.photos[photos.start.max(first) - first..photos.end.max(first) - first];

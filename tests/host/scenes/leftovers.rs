@@ -1,0 +1,202 @@
+//! Captures whose files are incomplete, mixed or named in unusual ways.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use super::dialects::{notes, open};
+use super::traps::grey;
+use crate::support::files::writers::{picture, row, transforms, write, written};
+use qirf_vk::job::Error;
+use qirf_vk::pipeline::prepare;
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Scene, load_photos, masks_of};
+
+const CAMERA: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
+
+/// A model of which each file is kept as binary or as text.
+fn mixed(kept: &[&str]) -> tempfile::TempDir {
+    let scene = tempfile::tempdir().unwrap();
+    let model = row(&["a.png", "b.png"]);
+    let files = model.text().into_iter().chain(model.binary());
+    write(&scene.path().join("sparse/0"), files.filter(|(name, _)| kept.contains(&&**name)));
+    scene
+}
+
+#[test]
+fn each_file_of_a_model_may_be_binary_or_text() {
+    let whole = open(mixed(&["cameras.txt", "images.txt", "points3D.txt"]).path());
+    for kept in [
+        ["cameras.txt", "images.txt", "points3D.bin"],
+        ["cameras.bin", "images.bin", "points3D.txt"],
+        ["cameras.txt", "images.bin", "points3D.bin"],
+        ["cameras.bin", "images.txt", "points3D.txt"],
+    ] {
+        let scene = mixed(&kept);
+        let opened = open(scene.path());
+        assert_eq!((opened.views.len(), &opened.points), (2, &whole.points), "{kept:?}");
+    }
+}
+
+#[test]
+fn whole_numbers_may_be_written_with_a_fraction() {
+    let mut files = row(&["a.png"]).text();
+    let cameras = String::from_utf8(files[0].1.clone()).unwrap();
+    files[0].1 = cameras.replace(" 64 48 ", " 64.0 48.00 ").into_bytes();
+    assert_ne!(files[0].1, cameras.as_bytes());
+    let scene = written(files);
+    assert_eq!((open(scene.path()).views[0].lens.width, open(scene.path()).views[0].lens.height), (64, 48));
+}
+
+#[test]
+fn a_photo_never_stands_for_one_that_is_absent() {
+    let scene = tempfile::tempdir().unwrap();
+    write(&scene.path().join("sparse/0"), row(&["a.jpg", "a.png"]).text());
+    let json = transforms(CAMERA, &["images/a.jpg", "images/a.png", "images/b"]);
+    let other = written([("transforms.json", json)]);
+    for root in [scene.path(), other.path()] {
+        for there in ["a.jpg", "b.jpg"] {
+            picture(&root.join("images").join(there), 64, 48);
+        }
+        let absent: Vec<String> = open(root).views.into_iter().filter(|v| !v.image.is_file()).map(|v| v.name).collect();
+        assert_eq!(absent.len(), 1, "{absent:?}");
+        assert!(absent[0].ends_with("a.png"), "{absent:?}");
+    }
+}
+
+#[test]
+fn a_frame_without_a_pose_is_counted() {
+    let json = String::from_utf8(transforms(CAMERA, &["a.png", "b.png"])).unwrap();
+    let at = json.find("\"transform_matrix\"").unwrap();
+    let end = at + json[at..].find("]]").unwrap() + 2;
+    let scene = written([(
+        "transforms.json",
+        format!("{}\"transform_matrix\": null{}", &json[..at], &json[end..]).into_bytes(),
+    )]);
+    let opened = open(scene.path());
+    assert_eq!((opened.views.len(), opened.skipped.bad_poses.count), (1, 1));
+}
+
+/// The share of a photo's pixels that its mask shows.
+fn shown(root: &Path) -> f64 {
+    let photos = open(root).load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+    assert_eq!(photos[0].alpha_role, AlphaRole::Mask);
+    let pixels = photos[0].pixels.read().unwrap();
+    let sum: f64 = pixels.iter().skip(3).step_by(4).map(|a| f64::from(*a)).sum();
+    sum / 255.0 / f64::from(64 * 48)
+}
+
+#[test]
+fn masks_of_instant_ngp_hide_where_they_are_white() {
+    for (name, share) in [("dynamic_mask_a.png", 0.75), ("mask_a.png", 0.25)] {
+        let scene = tempfile::tempdir().unwrap();
+        write(&scene.path().join("sparse/0"), row(&["a.png"]).text());
+        picture(&scene.path().join("images/a.png"), 64, 48);
+        grey(&scene.path().join("images").join(name), |x| [if x < 16 { 255 } else { 0 }, 255]);
+        assert!((shown(scene.path()) - share).abs() < 1e-9, "{name}: {}", shown(scene.path()));
+        // `pose` copies masks under their photos' names, which do not say so.
+        assert_eq!(masks_of(&scene.path().join("images"))("a.png").is_some(), share < 0.5, "{name}");
+    }
+}
+
+#[test]
+fn folders_and_files_that_may_be_masks_are_told() {
+    for (file, told) in [
+        ("mattes/a.png", "mattes"),
+        ("segmentation/a.png", "segmentation"),
+        ("depth/a.png", ""),
+        ("masks/a.bmp", "no pictures that are read"),
+    ] {
+        let scene = tempfile::tempdir().unwrap();
+        write(&scene.path().join("sparse/0"), row(&["a.png"]).text());
+        picture(&scene.path().join("images/a.png"), 64, 48);
+        let path = scene.path().join(file);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        image::GrayImage::new(64, 48).save_with_format(&path, image::ImageFormat::Png).unwrap();
+        let notes = notes(&open(scene.path()));
+        assert_eq!(notes.is_empty(), told.is_empty(), "{file}: {notes}");
+        assert!(notes.contains(told), "{file}: {notes}");
+    }
+}
+
+#[test]
+fn clouds_that_are_not_read_are_named() {
+    let json = |top: &str| transforms(&format!("{CAMERA}{top}"), &["a.png"]);
+    let scene = written([("transforms.json", json("")), ("scan.LAZ", b"LASF".to_vec())]);
+    assert!(notes(&open(scene.path())).contains("scan.LAZ is not read, convert it to PLY"));
+    let scene =
+        written([("transforms.json", json(r#", "ply_file_path": "scan.las""#)), ("scan.las", b"LASF".to_vec())]);
+    let error = Scene::open(scene.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("scan.las") && error.contains("is no PLY file"), "{error}");
+}
+
+#[test]
+fn depth_maps_are_found_in_any_case() {
+    let scene = written([("transforms.json", transforms(CAMERA, &["images/A.png", "images/b.png"]))]);
+    for map in ["a.PNG", "B.tiff"] {
+        picture(&scene.path().join("depth").join(map).with_extension("png"), 8, 6);
+        fs::rename(scene.path().join("depth").join(map).with_extension("png"), scene.path().join("depth").join(map))
+            .unwrap();
+    }
+    let options = OpenOptions { depth: Some("depth".into()), ..OpenOptions::default() };
+    let opened = Scene::open(scene.path(), &options).unwrap();
+    assert!(
+        opened.views.iter().all(|view| view.depth.as_ref().is_some_and(|map| map.is_file())),
+        "{:?}",
+        opened.skipped
+    );
+}
+
+/// Photos of which a job sees a part keep what alpha means in all of them.
+#[test]
+fn alpha_may_be_decided_beforehand() {
+    let scene = tempfile::tempdir().unwrap();
+    write(&scene.path().join("sparse/0"), row(&["a.png"]).text());
+    fs::create_dir_all(scene.path().join("images")).unwrap();
+    let clear =
+        |share: u32| image::RgbaImage::from_fn(64, 48, |x, _| image::Rgba([9, 9, 9, if x < share { 0 } else { 255 }]));
+    let role = |columns: u32, alpha: Option<bool>| {
+        let mut picture = clear(columns);
+        // A speck beside the columns.
+        picture.put_pixel(63, 0, image::Rgba([9, 9, 9, 0]));
+        picture.save(scene.path().join("images/a.png")).unwrap();
+        let opened = open(scene.path());
+        let options = LoadOptions { alpha, ..LoadOptions::default() };
+        let loaded = load_photos(&[&opened.views[0]], &options, &|_| {}).unwrap();
+        loaded.photos[0].as_ref().unwrap().alpha_role
+    };
+    for columns in [0, 32] {
+        let own = if columns == 0 { AlphaRole::Opaque } else { AlphaRole::Alpha };
+        assert_eq!(role(columns, None), own);
+        assert_eq!(role(columns, Some(true)), AlphaRole::Alpha);
+        assert_eq!(role(columns, Some(false)), AlphaRole::Opaque);
+    }
+}
+
+/// A planned job refuses photos, masks and cameras that changed, and accepts the same ones.
+#[test]
+fn changes_since_a_plan_are_noticed() {
+    let scene = tempfile::tempdir().unwrap();
+    let model = scene.path().join("sparse/0");
+    write(&model, row(&["a.png", "b.png"]).text());
+    for name in ["images/a.png", "images/b.png", "masks/b.png"] {
+        picture(&scene.path().join(name), 64, 48);
+    }
+    let planned: BTreeMap<String, u32> = prepare::contents(&open(scene.path())).unwrap();
+    let changed = || match prepare::unchanged(&open(scene.path()), &planned) {
+        Ok(()) => None,
+        Err(Error::ChangedPhoto { photo, .. }) => Some(photo),
+        Err(error) => panic!("{error}"),
+    };
+    assert_eq!((planned.len(), changed()), (2, None));
+    let mask = scene.path().join("masks/b.png");
+    let before = fs::read(&mask).unwrap();
+    picture(&mask, 32, 24);
+    assert_ne!(before, fs::read(&mask).unwrap());
+    assert_eq!(changed(), Some("b.png".to_owned()));
+    fs::write(&mask, before).unwrap();
+    assert_eq!(changed(), None);
+    let text = fs::read_to_string(model.join("cameras.txt")).unwrap();
+    fs::write(model.join("cameras.txt"), text.replace(" 64 48 ", " 128 96 ")).unwrap();
+    assert_eq!(changed(), Some("a.png".to_owned()));
+    assert!(prepare::unchanged(&open(scene.path()), &BTreeMap::new()).is_ok());
+}
