@@ -162,19 +162,62 @@ impl Cloud<'_> {
     }
 }
 
-/// Entries in groups, with the groups' centres; each list by axis, so that distances to many are computed at once.
-struct Search {
-    width: usize,
-    starts: Vec<usize>,
-    centres: Vec<f32>,
-    groups: Vec<Vec<f32>>,
+/// Entries whose distances are summed at once.
+const BLOCK: usize = 16;
+/// Axes that are summed between two looks at whether an entry of a block can still be near enough.
+const AXES: usize = 9;
+
+/// A list of entries, for distances to many at once: by block, axis and entry of the block. Places after the last entry are
+/// infinitely far.
+struct Blocks {
+    values: Vec<f32>,
 }
 
-impl Search {
-    fn new(values: &[f32], width: usize, starts: &[usize]) -> Self {
-        let by_axis = |rows: &[f32]| -> Vec<f32> {
-            (0..width).flat_map(|axis| rows.iter().skip(axis).step_by(width).copied()).collect()
+impl Blocks {
+    fn new(rows: &[f32], width: usize) -> Self {
+        let block = |rows: &[f32]| -> Vec<f32> {
+            let at = |axis: usize, k: usize| rows.get(k * width + axis).copied().unwrap_or(f32::INFINITY);
+            (0..width).flat_map(|axis| (0..BLOCK).map(move |k| (axis, k))).map(|(axis, k)| at(axis, k)).collect()
         };
+        Self { values: rows.chunks(BLOCK * width).flat_map(block).collect() }
+    }
+
+    /// Hands entries and their squared distances to `found`, in order, as far as these may be at most `limit`; it returns the
+    /// next limit. Sums only grow: a block is left as soon as all of its sums are greater.
+    fn within(&self, vector: &[f32], mut limit: f32, mut found: impl FnMut(usize, f32) -> f32) {
+        'blocks: for (number, block) in self.values.chunks_exact(BLOCK * vector.len()).enumerate() {
+            let mut sums = [0.0_f32; BLOCK];
+            let columns = block.as_chunks::<BLOCK>().0;
+            for (values, columns) in vector.chunks(AXES).zip(columns.chunks(AXES)) {
+                for (x, column) in values.iter().zip(columns) {
+                    for (sum, value) in sums.iter_mut().zip(column) {
+                        *sum += (x - value) * (x - value);
+                    }
+                }
+                if sums.iter().fold(true, |all, sum| all & (*sum > limit)) {
+                    continue 'blocks;
+                }
+            }
+            for (k, sum) in sums.into_iter().enumerate() {
+                if sum <= limit {
+                    limit = found(number * BLOCK + k, sum);
+                }
+            }
+        }
+    }
+}
+
+/// Entries in groups, with the groups' centres.
+struct Search<'a> {
+    values: &'a [f32],
+    width: usize,
+    starts: &'a [usize],
+    centres: Blocks,
+    groups: Vec<Blocks>,
+}
+
+impl<'a> Search<'a> {
+    fn new(values: &'a [f32], width: usize, starts: &'a [usize]) -> Self {
         let of = |bounds: &[usize]| &values[bounds[0] * width..bounds[1] * width];
         let centres: Vec<f32> = starts
             .windows(2)
@@ -184,46 +227,37 @@ impl Search {
                 (0..width).map(move |axis| rows.iter().skip(axis).step_by(width).sum::<f32>() / count)
             })
             .collect();
-        let groups = starts.windows(2).map(|bounds| by_axis(of(bounds))).collect();
-        Self { width, starts: starts.to_vec(), centres: by_axis(&centres), groups }
-    }
-
-    /// Squared distances of a vector to a list of entries by axis.
-    fn distances(&self, vector: &[f32], list: &[f32], out: &mut Vec<f32>) {
-        let count = list.len() / self.width;
-        out.clear();
-        out.resize(count, 0.0);
-        for (x, values) in vector.iter().zip(list.chunks_exact(count)) {
-            for (sum, value) in out.iter_mut().zip(values) {
-                *sum += (x - value) * (x - value);
-            }
-        }
+        let groups = starts.windows(2).map(|bounds| Blocks::new(of(bounds), width)).collect();
+        Self { values, width, starts, centres: Blocks::new(&centres, width), groups }
     }
 
     /// The nearest entry in the groups that are nearest, or the entry that the vector has, if none is nearer.
     fn nearest(&self, vector: &[f32], own: u32) -> u32 {
-        let mut distances = Vec::new();
-        self.distances(vector, &self.centres, &mut distances);
         let own_group = self.starts.partition_point(|start| *start <= own as usize) - 1;
-        distances[own_group] = 0.0;
-        let mut near = [(f32::INFINITY, 0); NEAREST];
-        for (group, distance) in distances.iter().enumerate() {
-            if *distance < near[NEAREST - 1].0 {
-                let at = near.partition_point(|(known, _)| known <= distance);
+        // By distance, then by number; the own group counts as nearest.
+        let mut near = [(f32::INFINITY, usize::MAX); NEAREST];
+        near[0] = (0.0, own_group);
+        self.centres.within(vector, f32::INFINITY, |group, distance| {
+            let new = (distance, group);
+            if group != own_group && new < near[NEAREST - 1] {
+                let at = near.partition_point(|known| *known < new);
                 near[at..].rotate_right(1);
-                near[at] = (*distance, group);
+                near[at] = new;
             }
-        }
-        let mut best = (f32::INFINITY, own);
+            near[NEAREST - 1].0
+        });
+        let row = &self.values[own as usize * self.width..][..self.width];
+        let distance = vector.iter().zip(row).fold(0.0, |sum, (x, value)| sum + (x - value) * (x - value));
+        let mut best = (distance, own);
         for (_, group) in near.iter().filter(|(distance, _)| distance.is_finite()) {
             let start = self.starts[*group] as u32;
-            self.distances(vector, &self.groups[*group], &mut distances);
-            for (entry, distance) in (start..).zip(&distances) {
+            self.groups[*group].within(vector, best.0, |entry, distance| {
                 // The first of equally near ones, but for its own.
-                if *distance < best.0 || (*distance == best.0 && entry == own) {
-                    best = (*distance, entry);
+                if distance < best.0 {
+                    best = (distance, start + entry as u32);
                 }
-            }
+                best.0
+            });
         }
         best.1
     }
