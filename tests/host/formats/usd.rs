@@ -14,7 +14,7 @@ use crate::support::files::make;
 fn layers_and_packages_are_read_back_to_the_last_bit_of_exponentials() {
     let folder = tempfile::tempdir().unwrap();
     for degree in 0..=3 {
-        let mut model = make::model(700, degree);
+        let mut model = make::model(5000, degree); // more than a block of text
         model.means[3] = [1e-9, -3e8, -0.0];
         for name in ["m.usda", "m.usdz"] {
             let path = folder.path().join(name);
@@ -175,6 +175,12 @@ fn packages_with_compressed_files_are_refused() {
         let bytes = archive.finish().unwrap().into_inner();
         // Names are never used as paths.
         assert_eq!(read(&bytes, "m.usdz").is_ok(), method == zip::CompressionMethod::Stored);
+        let mut damaged = bytes;
+        let at = damaged.windows(5).position(|w| w == b"#usda");
+        if let Some(at) = at {
+            damaged[at + 9] ^= 2;
+            assert!(read(&damaged, "m.usdz").unwrap_err().to_string().contains("checksum"));
+        }
     }
     assert!(read(b"PK\x03\x04", "m.usdz").is_err());
 }

@@ -1,11 +1,11 @@
 //! USDZ: a zip archive without compression, whose first file is the layer, each file at a multiple of 64 bytes.
 
-use std::io::{Cursor, Read};
+use std::io::Cursor;
 
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, System, ZipArchive, ZipWriter};
 
-use super::super::{Gaussians, RenderMode};
+use super::super::{Gaussians, RenderMode, crc32};
 use super::{AGAIN, Fault, Parsed, binary, malformed, read, write};
 
 /// Multiple at which the bytes of each file begin.
@@ -26,14 +26,18 @@ pub(in super::super) fn package(model: &Gaussians, mode: RenderMode, origin: [f6
 pub(in super::super) fn read_package(bytes: &[u8]) -> Result<Parsed, Fault> {
     let damaged = |what: String| malformed("zip archive", format!("{what}; {AGAIN}"));
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|error| damaged(error.to_string()))?;
-    let mut layer = Vec::new();
-    {
-        let entry = archive.by_index(0).map_err(|error| damaged(error.to_string()))?;
-        if entry.compression() != CompressionMethod::Stored {
-            return Err(damaged("its first file is compressed, which USDZ forbids".into()));
-        }
-        // Stored files cannot be longer than the archive.
-        entry.take(bytes.len() as u64).read_to_end(&mut layer).map_err(|error| damaged(error.to_string()))?;
+    let entry = archive.by_index(0).map_err(|error| damaged(error.to_string()))?;
+    if entry.compression() != CompressionMethod::Stored {
+        return Err(damaged("its first file is compressed, which USDZ forbids".into()));
+    }
+    // A stored file is a part of the archive, which is read where it lies.
+    let part = || {
+        let start = usize::try_from(entry.data_start()?).ok()?;
+        bytes.get(start..)?.get(..usize::try_from(entry.size()).ok()?)
+    };
+    let layer = part().ok_or_else(|| damaged("its first file is cut short".into()))?;
+    if crc32([layer]) != entry.crc32() {
+        return Err(damaged("its first file has another checksum than the archive says".into()));
     }
     if layer.starts_with(b"PXR-USDC") {
         return Err(binary());
@@ -41,5 +45,5 @@ pub(in super::super) fn read_package(bytes: &[u8]) -> Result<Parsed, Fault> {
     if !layer.starts_with(b"#usda") {
         return Err(damaged("its first file is no USD layer".into()));
     }
-    read(&layer)
+    read(layer)
 }

@@ -1,6 +1,9 @@
 //! Writing a USD text layer: one prim, Y up.
 
+use std::fmt::Write as _;
 use std::io::{self, Write};
+
+use rayon::prelude::*;
 
 use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert, convert_place};
 use super::super::{Gaussians, RenderMode, linear};
@@ -8,6 +11,9 @@ use super::{PRIM, TAG};
 
 /// Standard deviations of a Gaussian within its prim's extent.
 const REACH: f32 = 3.0;
+/// Elements of a list that become text together, and the number of such blocks between two writes.
+const BLOCK: usize = 4096;
+const BLOCKS: usize = 64;
 
 /// Writes a whole layer; floats keep their bits. The local origin of the means is the translation of the prim.
 pub(in super::super) fn write(
@@ -50,37 +56,47 @@ pub(in super::super) fn write(
     writeln!(out, "}}")
 }
 
-/// Writes an array of numbers or tuples.
+/// Writes an array of numbers or tuples; blocks become text on all cores, a few at a time.
 fn list<const N: usize>(
     out: &mut dyn Write,
     name: &str,
     n: usize,
-    element: impl Fn(usize) -> Option<[f32; N]>,
+    element: impl Fn(usize) -> Option<[f32; N]> + Sync,
 ) -> io::Result<()> {
+    let block = |block: usize| {
+        let mut text = String::new();
+        for i in block * BLOCK..n.min((block + 1) * BLOCK) {
+            text.push_str(if i == 0 { "" } else { ", " });
+            text.push_str(if N == 1 { "" } else { "(" });
+            for (k, value) in element(i).unwrap_or([0.0; N]).into_iter().enumerate() {
+                text.push_str(if k == 0 { "" } else { ", " });
+                number(&mut text, value);
+            }
+            text.push_str(if N == 1 { "" } else { ")" });
+        }
+        text
+    };
     write!(out, "    {name} = [")?;
-    for i in 0..n {
-        let numbers = element(i).unwrap_or([0.0; N]).map(number);
-        let joined = numbers.join(", ");
-        let gap = if i == 0 { "" } else { ", " };
-        if N == 1 { write!(out, "{gap}{joined}")? } else { write!(out, "{gap}({joined})")? }
+    for first in (0..n.div_ceil(BLOCK)).step_by(BLOCKS) {
+        let last = (first + BLOCKS).min(n.div_ceil(BLOCK));
+        let texts: Vec<String> = (first..last).into_par_iter().map(block).collect();
+        texts.iter().try_for_each(|text| out.write_all(text.as_bytes()))?;
     }
     writeln!(out, "]")
 }
 
-/// The shortest text that is read back to the same bits.
-fn number(value: f32) -> String {
+/// Appends the shortest text that is read back to the same bits.
+fn number(text: &mut String, value: f32) {
     let magnitude = value.abs();
-    if !value.is_finite() {
-        return (if value.is_nan() {
-            "nan"
-        } else if value > 0.0 {
-            "inf"
-        } else {
-            "-inf"
-        })
-        .into();
+    if value.is_nan() {
+        text.push_str("nan");
+    } else if value.is_infinite() {
+        text.push_str(if value > 0.0 { "inf" } else { "-inf" });
+    } else {
+        let plain = magnitude == 0.0 || (1e-4..1e7).contains(&magnitude);
+        let written = if plain { write!(text, "{value}") } else { write!(text, "{value:e}") };
+        written.expect("memory takes any text");
     }
-    if magnitude == 0.0 || (1e-4..1e7).contains(&magnitude) { format!("{value}") } else { format!("{value:e}") }
 }
 
 /// Least and greatest corner of a box round all Gaussians.
