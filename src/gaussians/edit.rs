@@ -86,6 +86,17 @@ impl Gaussians {
         self.opacity_logits.extend(&other.opacity_logits);
     }
 
+    /// Takes memory for exactly so many more Gaussians.
+    pub(crate) fn reserve(&mut self, more: usize) {
+        self.means.reserve_exact(more);
+        self.log_scales.reserve_exact(more);
+        self.rotations.reserve_exact(more);
+        self.opacity_logits.reserve_exact(more);
+        for (l, band) in self.sh.iter_mut().enumerate() {
+            band.reserve_exact(more * Self::band_width(l));
+        }
+    }
+
     /// Keeps the Gaussians whose index `keep` approves, in their order.
     pub fn retain(&mut self, keep: impl FnMut(&usize) -> bool) {
         let kept: Vec<usize> = (0..self.len()).filter(keep).collect();

@@ -3,7 +3,7 @@
 mod header;
 mod table;
 
-pub(crate) use header::{Header, Kind};
+pub(crate) use header::{Element, Encoding, Header, Kind};
 pub(crate) use table::{Slot, Table, tables};
 
 /// A contradiction in a file.

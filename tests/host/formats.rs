@@ -1,5 +1,6 @@
 //! Model files: readers, writers, hostile input, and the shared models if they are available.
 
+mod blocks;
 mod dialects;
 mod gltf;
 mod levels;

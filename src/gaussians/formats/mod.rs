@@ -112,7 +112,8 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
 /// As [`read`], without a georeference.json.
 fn read_alone(path: &Path) -> Result<Loaded, Error> {
     let io = |source| Error::Io { path: path.to_owned(), source };
-    let is_folder = fs::metadata(path).map_err(io)?.is_dir();
+    let data = fs::metadata(path).map_err(io)?;
+    let is_folder = data.is_dir();
     if is_folder && path.join(sog::LEVELS).is_file() || path.file_name().is_some_and(|name| name == sog::LEVELS) {
         let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
         return sog::read_levels(folder).map(finish).map_err(|fault| fault.at(path));
@@ -126,6 +127,11 @@ fn read_alone(path: &Path) -> Result<Loaded, Error> {
     if is_folder || path.file_name().is_some_and(|name| name == "meta.json") {
         let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
         return sog::read_folder(folder).map(finish).map_err(|fault| fault.at(path));
+    }
+    if data.is_file()
+        && let Some(parsed) = ply::read_file(path, data.len()).map_err(io)?
+    {
+        return Ok(finish(parsed));
     }
     let bytes = fs::read(path).map_err(io)?;
     read_with(&bytes, path, Some(path.parent().unwrap_or(Path::new(""))))
