@@ -50,13 +50,17 @@ fn killed_among_the_last_iterates_it_ends_with_the_same_bytes() {
         run
     };
     let checkpoint = broken.join("checkpoint.safetensors");
-    // Nothing but the six iterations after the checkpoint lies between two attempts.
-    let mut at = 234;
-    while !checkpoint.exists() {
+    // Bisection finds a submission of the six iterations after the checkpoint.
+    let reached = |at: u32| {
         let _ = std::fs::remove_dir_all(&broken);
-        assert!(killed(&mut run(), at), "no checkpoint before submission {at}");
-        at += 6;
+        !killed(&mut run(), at) || checkpoint.exists()
+    };
+    let (mut early, mut late) = (234, 2000);
+    while late - early > 6 {
+        let middle = u32::midpoint(early, late);
+        *(if reached(middle) { &mut late } else { &mut early }) = middle;
     }
+    assert!(reached(late) && checkpoint.exists(), "no checkpoint before submission {late}");
     assert!(Snapshot::read(&checkpoint).expect("a checkpoint").mean.is_some_and(|mean| mean.iterates == 6));
     works(run().arg("--resume"));
     assert_eq!(model(&whole), model(&broken));

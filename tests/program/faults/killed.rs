@@ -131,20 +131,22 @@ fn without_a_checkpoint_resume_starts_afresh_and_says_so() {
     assert!(undisturbed() == fs::read(folder.path().join("model.ply")).unwrap());
 }
 
-/// Compression has no checkpoint: a killed or interrupted job leaves nothing, and a repeated one gives the same bytes.
 /// Commands without steps keep nothing, and say so by their exit code, too.
 #[test]
 fn commands_without_steps_end_with_130() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["INT", "TERM"] {
+        let capture = folder.path().join(name);
         let mut command = program();
-        command.arg("synth").arg(folder.path().join("capture")).args(["--views", "9999", "--size", "640x480"]);
-        let mut child = start(&mut command);
-        child.until(|| folder.path().join("capture/synth.json").exists());
+        command.arg("synth").arg(&capture).args(["--views", "9999", "--size", "640x480"]);
+        // A shell's background jobs ignore INT, and so would the command.
+        let mut child = start(&mut by("env", &["--default-signal=INT"], &command));
+        child.until(|| capture.join("synth.json").exists());
         assert_eq!(child.signal(name).code, Some(130), "{name}");
     }
 }
 
+/// Compression has no checkpoint: a killed or interrupted job leaves nothing, and a repeated one gives the same bytes.
 #[test]
 fn compression_is_whole_or_absent() {
     let folder = tempfile::tempdir().unwrap();

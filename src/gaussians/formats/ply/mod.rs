@@ -66,16 +66,13 @@ pub(super) fn read_file(path: &Path, length: u64) -> io::Result<Option<Parsed>> 
         let part = Header { elements: vec![element], body: 0, comments: Vec::new(), ..header };
         let Ok((tables, _)) = tables(&bytes, &part, &["vertex"]) else { return Ok(None) };
         let Ok(gaussians) = standard::gaussians(&tables[0], &mut tag.origin) else { return Ok(None) };
-        match &mut model {
-            Some(model) => model.append(&gaussians),
-            None => {
-                changed(&mut tag, &tables[0]);
-                let mut all = Gaussians::zeroed(0, gaussians.degree());
-                all.reserve(n);
-                all.append(&gaussians);
-                model = Some(all);
-            }
-        }
+        let all = model.get_or_insert_with(|| {
+            changed(&mut tag, &tables[0]);
+            let mut all = Gaussians::zeroed(0, gaussians.degree());
+            all.reserve(n);
+            all
+        });
+        all.append(&gaussians);
         left -= count;
     }
     Ok(model.map(|gaussians| Parsed { gaussians, format: Format::Ply, tag, trailing_bytes: 0 }))

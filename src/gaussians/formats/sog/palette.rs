@@ -194,7 +194,8 @@ impl Blocks {
                         *sum += (x - value) * (x - value);
                     }
                 }
-                if sums.iter().fold(true, |all, sum| all & (*sum > limit)) {
+                // Counted, so that all are compared at once.
+                if sums.iter().filter(|sum| **sum > limit).count() == BLOCK {
                     continue 'blocks;
                 }
             }
