@@ -107,19 +107,24 @@ impl TrainingModel {
         self.arrays.iter().find(|array| array.kind.name == name).map(|array| &array.values)
     }
 
+    /// The arrays in the order in which a change replaces them: moments, parameters, then a method's. Of each the floats in a row,
+    /// the rows that it lacks at the end, and its bytes.
+    fn layouts(&self) -> impl Iterator<Item = (usize, usize, u64)> {
+        let (widths, degree, tail) = (Attributes::widths(self.model.degree), self.model.degree, self.tail());
+        let moments = widths.zip(self.moments.each_ref()).up_to(degree);
+        let moments = moments.map(move |(width, values)| (2 * width, tail, values.bytes()));
+        let parameters = widths.zip(self.model.parameters.each_ref()).up_to(degree);
+        let parameters = parameters.map(|(width, values)| (width, 0, values.bytes()));
+        let others = self.arrays.iter().map(move |array| (array.kind.width, tail, array.values.bytes()));
+        moments.chain(parameters).chain(others)
+    }
+
     /// Largest number of additional bytes during a change to arrays for `rows` Gaussians, if each replaces the old one before
-    /// the next is made: moments, then parameters, then a method's.
+    /// the next is made.
     pub(super) fn bytes_of_arrays(&self, rows: usize) -> u64 {
-        let trained = rows - self.tail();
-        let widths = Attributes::widths(self.model.degree);
-        let moments = widths.zip(self.moments.each_ref()).up_to(self.model.degree);
-        let moments = moments.map(|(width, old)| (Buffer::<[f32; 2]>::bytes_of(trained * width), old.bytes()));
-        let parameters = widths.zip(self.model.parameters.each_ref()).up_to(self.model.degree);
-        let parameters = parameters.map(|(width, old)| (Buffer::<f32>::bytes_of(rows * width), old.bytes()));
-        let others = self.arrays.iter();
-        let others = others.map(|a| (Buffer::<f32>::bytes_of(trained * a.kind.width), a.values.bytes()));
         let (mut more, mut most) = (0_i64, 0_i64);
-        for (new, old) in moments.chain(parameters).chain(others) {
+        for (width, less, old) in self.layouts() {
+            let new = Buffer::<f32>::bytes_of((rows - less) * width);
             most = most.max(more + new as i64);
             more += new as i64 - old as i64;
         }
@@ -128,19 +133,13 @@ impl TrainingModel {
 
     /// Number of rows for which all arrays have memory.
     pub(super) fn room(&self) -> usize {
-        let (widths, degree, tail) = (Attributes::widths(self.model.degree), self.model.degree, self.tail());
-        let parameters = widths.zip(self.model.parameters.each_ref()).up_to(degree);
-        let moments = widths.zip(self.moments.each_ref()).up_to(degree);
-        let parameters = parameters.map(|(width, values)| values.room() / width);
-        let moments = moments.map(|(width, values)| values.room() / width + tail);
-        let arrays = self.arrays.iter().map(|array| array.values.room() / array.kind.width + tail);
-        parameters.chain(moments).chain(arrays).fold(self.growth.room(), usize::min)
+        let rows = |(width, less, bytes): (usize, usize, u64)| bytes as usize / (width * size_of::<f32>()) + less;
+        self.layouts().map(rows).fold(self.growth.room(), usize::min)
     }
 
     /// Floats in a row of the widest array.
     pub(super) fn widest_row(&self) -> usize {
-        let moments = 2 * Attributes::widths(self.model.degree).up_to(self.model.degree).max().unwrap_or(0);
-        self.arrays.iter().map(|array| array.kind.width).fold(moments, usize::max)
+        self.layouts().map(|(width, ..)| width).max().unwrap_or(0)
     }
 
     /// Sets the number of Gaussians, and records it on the device.

@@ -1,4 +1,4 @@
-//! What is asked of a sweep: the rungs of each axis in one table, and the parser of `--axis`.
+//! The request for an axis: the table of all rungs, and the parser of `--axis`.
 
 use super::axis::Axis;
 use super::rung::{Formula, Regularisation, Rung, Solver, culling, fraction, rungs, share, stop, sums, switch};

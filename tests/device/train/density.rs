@@ -46,7 +46,11 @@ pub(crate) fn scene(count: usize, seed: u64) -> (Gaussians, Vec<[f32; 2]>) {
 
 /// A model in training, with moments that are all different and not zero.
 pub(crate) fn held(device: &Device, model: &Gaussians, growth: &[[f32; 2]]) -> TrainingModel {
-    let training = TrainingModel::new(device, model).unwrap();
+    held_with_tail(device, model, growth, 0)
+}
+
+fn held_with_tail(device: &Device, model: &Gaussians, growth: &[[f32; 2]], tail: usize) -> TrainingModel {
+    let training = TrainingModel::with_tail(device, model, tail).unwrap();
     for (a, buffer) in attributes(&training).into_iter().enumerate() {
         let values: Vec<[f32; 2]> = (0..buffer.len()).map(|k| [(a + 1) as f32, 1.0 + k as f32]).collect();
         buffer.write(device, &values).unwrap();
@@ -293,15 +297,7 @@ fn thinning_is_compaction_in_place() {
     let device = device();
     let (model, growth) = scene(500, 3);
     for tail in [0, 40] {
-        let [mut new, mut old] = [(); 2].map(|()| {
-            let training = TrainingModel::with_tail(&device, &model, tail).unwrap();
-            for (a, buffer) in attributes(&training).into_iter().enumerate() {
-                let values: Vec<[f32; 2]> = (0..buffer.len()).map(|k| [(a + 1) as f32, 1.0 + k as f32]).collect();
-                buffer.write(&device, &values).unwrap();
-            }
-            training.growth.write(&device, &growth).unwrap();
-            training
-        });
+        let [mut new, mut old] = [(); 2].map(|()| held_with_tail(&device, &model, &growth, tail));
         for kept in [(0..460).step_by(3).collect(), vec![0, 2, 3, 150], vec![2], Vec::<u32>::new()] {
             compact(&device, &mut new, &kept).unwrap();
             let (used, before) = (device.memory_used().0, device.traffic());

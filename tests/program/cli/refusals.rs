@@ -78,7 +78,7 @@ fn bad_models_are_refused_by_name_or_salvaged() {
     }
     assert!(!sandbox.path("out").exists() && !sandbox.path("out.ply").exists());
 
-    // What a page contains is no file of its own.
+    // The error names the page, not the SPZ in it.
     let mut far = model(3);
     far.means[0][0] = 1e9;
     formats::write(&sandbox.path("far.ply"), &far, formats::RenderMode::Plain).unwrap();

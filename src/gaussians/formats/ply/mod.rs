@@ -89,7 +89,7 @@ fn plain_rows(header: &Header, length: u64) -> Option<usize> {
     (alone && known && !doubles && bytes == length).then(|| usize::try_from(vertex.count).ok()).flatten()
 }
 
-/// What the comments say.
+/// The tag that the comments of a header give.
 fn tag(header: &Header) -> Tag {
     let mut tag = Tag::default();
     for comment in &header.comments {
@@ -98,7 +98,7 @@ fn tag(header: &Header) -> Tag {
     tag
 }
 
-/// Notes what the columns of the standard layout change.
+/// Notes in the tag that flat Gaussians were thickened, and that a 3D filter was applied.
 fn changed(tag: &mut Tag, vertex: &Table) {
     if standard::is_flat(vertex) {
         tag.thickened();
