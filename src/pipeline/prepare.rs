@@ -3,7 +3,7 @@
 use super::depth_maps::{self, DepthMaps};
 use crate::effects::{DepthEvidence, Effect};
 use crate::gaussians::Gaussians;
-use crate::gaussians::formats::{self, RenderMode, crc32};
+use crate::gaussians::formats::{self, RenderMode, crc32, crc32_of_file};
 use crate::job::Error;
 use crate::job::config::Selection;
 use crate::job::watcher::Watcher;
@@ -12,8 +12,7 @@ use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene, View};
 use crate::train;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, HashSet};
-use std::fs;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
 /// A scene ready to train on.
@@ -141,15 +140,22 @@ pub fn all_there(scene: &Scene, names: &[String]) -> Result<(), Error> {
 /// # Errors
 /// Files that cannot be read.
 pub fn contents(scene: &Scene) -> Result<BTreeMap<String, u32>, Error> {
-    let read = |path: &Path| fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source });
+    fn files(view: &View) -> impl Iterator<Item = &Path> {
+        [Some(&view.image), view.mask.as_ref(), view.depth.as_ref()].into_iter().flatten().map(PathBuf::as_path)
+    }
+    // Faces of one panorama share its file.
+    let all: BTreeSet<&Path> = scene.views.iter().flat_map(files).collect();
+    let sums = all.into_par_iter().map(|path| match crc32_of_file(path) {
+        Ok(sum) => Ok((path, sum)),
+        Err(source) => Err(Error::Read { path: path.to_owned(), source }),
+    });
+    let sums: BTreeMap<&Path, u32> = sums.collect::<Result<_, _>>()?;
     let sum = |view: &View| {
-        let files = [Some(&view.image), view.mask.as_ref(), view.depth.as_ref()].into_iter().flatten();
-        let files: Vec<Vec<u8>> = files.map(|path| read(path)).collect::<Result<_, _>>()?;
+        let files: Vec<u32> = files(view).map(|path| sums[path]).collect();
         let camera = numbers(&view.camera);
-        let parts = files.iter().map(Vec::as_slice).chain([bytemuck::cast_slice(&camera)]);
-        Ok((view.name.clone(), crc32(parts)))
+        (view.name.clone(), crc32([bytemuck::cast_slice(&files), bytemuck::cast_slice(&camera)]))
     };
-    scene.views.par_iter().map(sum).collect()
+    Ok(scene.views.par_iter().map(sum).collect())
 }
 
 /// Refuses a scene whose views are not those that a job was planned on; without a plan, accepts any.

@@ -10,8 +10,6 @@ use crate::response::Responses;
 use crate::train::checkpoint::Snapshot;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// Notes of a training state that name its plan and its task.
@@ -151,17 +149,5 @@ impl Files {
 
 /// CRC-32 of a file; 0 for a folder.
 pub(super) fn crc32_of_file(path: &Path) -> Result<u32, Error> {
-    if path.is_dir() {
-        return Ok(0);
-    }
-    let failed = |source| Error::Read { path: path.to_owned(), source };
-    let mut file = File::open(path).map_err(failed)?;
-    let (mut crc, mut buffer) = (flate2::Crc::new(), vec![0; 1 << 20]);
-    loop {
-        let read = file.read(&mut buffer).map_err(failed)?;
-        if read == 0 {
-            return Ok(crc.sum());
-        }
-        crc.update(&buffer[..read]);
-    }
+    formats::crc32_of_file(path).map_err(|source| Error::Read { path: path.to_owned(), source })
 }
