@@ -6,14 +6,14 @@ shared float sums[SIZE * WORKGROUP];
 void store_part(float own[SIZE]) {
     uint lane = gl_LocalInvocationID.x;
     [[unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] = own[k];
-    for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
+    [[dont_unroll]] for (uint step = WORKGROUP / 2; step > 0; step /= 2) {
         barrier();
         if (lane < step) {
-            [[unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] += sums[k * WORKGROUP + lane + step];
+            [[dont_unroll]] for (uint k = 0; k < SIZE; k++) sums[k * WORKGROUP + lane] += sums[k * WORKGROUP + lane + step];
         }
     }
     if (lane == 0) {
-        [[unroll]] for (uint k = 0; k < SIZE; k++) partials[SIZE * group_index() + k] = sums[k * WORKGROUP];
+        [[dont_unroll]] for (uint k = 0; k < SIZE; k++) partials[SIZE * group_index() + k] = sums[k * WORKGROUP];
     }
 }
 

@@ -56,23 +56,16 @@ uint position(uint row) {
 }
 
 void clear_counters(uint count) {
-    for (uint i = gl_LocalInvocationID.x; i < count; i += WORKGROUP) counters[i] = 0;
+    [[dont_unroll]] for (uint i = gl_LocalInvocationID.x; i < count; i += WORKGROUP) counters[i] = 0;
     barrier();
 }
 
 void hold_keys(uint n) {
-    if (SERIAL) return;
     for (uint row = 0; row < HELD; row++) held_keys[row] = position(row) < n ? keys_in[position(row)] : 0;
 }
 
 void hold_values(uint n) {
-    if (SERIAL) return;
     for (uint row = 0; row < HELD; row++) held_values[row] = position(row) < n ? values_in[position(row)] : 0;
-}
-
-uint key(uint row, uint n) {
-    if (!SERIAL) return held_keys[row];
-    return position(row) < n ? keys_in[position(row)] : 0;
 }
 
 // The lanes of this subgroup with the same digit, including this one. Lanes without a key are excluded.
@@ -86,15 +79,9 @@ uvec4 peers(uint digit, bool there) {
     return same;
 }
 
-// The number of earlier keys with this digit in this unit.
+// The number of earlier keys with this digit in this subgroup.
 uint rank(uint digit, bool there) {
     uint slot = unit() * RADIX + digit;
-    if (SERIAL) {
-        if (!there) return 0;
-        uint seen = counters[slot];
-        counters[slot] = seen + 1;
-        return seen;
-    }
     uvec4 same = peers(digit, there);
     uint before = subgroupBallotExclusiveBitCount(same);
     uint seen = there ? counters[slot] : 0;
@@ -104,21 +91,30 @@ uint rank(uint digit, bool there) {
     return seen + before;
 }
 
+// Counts the keys of an invocation's run by digit.
+void count_run(uint n) {
+    [[dont_unroll]] for (uint row = 0; row < ROWS; row++) {
+        if (position(row) < n) counters[unit() * RADIX + digit_of(keys_in[position(row)])]++;
+    }
+}
+
 void count_digits(uint n) {
-    hold_keys(n);
+    if (!SERIAL) hold_keys(n);
     clear_counters(SERIAL ? UNITS * RADIX : RADIX);
-    for (uint row = 0; row < ROWS; row++) {
-        bool there = position(row) < n;
-        uint digit = digit_of(key(row, n));
-        if (SERIAL) rank(digit, there);
-        else if (there) atomicAdd(counters[digit], 1); // sums of integers do not depend on the order
+    if (SERIAL) {
+        count_run(n);
+    } else {
+        for (uint row = 0; row < ROWS; row++) {
+            // Sums of integers do not depend on the order.
+            if (position(row) < n) atomicAdd(counters[digit_of(held_keys[row])], 1);
+        }
     }
     barrier();
     uint blocks = (n + BLOCK - 1) / BLOCK;
     if (group_index() >= blocks) return;
     for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) {
         uint sum = 0;
-        for (uint u = 0; u < (SERIAL ? UNITS : 1); u++) sum += counters[u * RADIX + digit];
+        [[dont_unroll]] for (uint u = 0; u < (SERIAL ? UNITS : 1); u++) sum += counters[u * RADIX + digit];
         digits[FEW_BLOCKS ? group_index() * RADIX + digit : digit * blocks + group_index()] = sum;
     }
 }
@@ -186,7 +182,7 @@ void scan_totals() {
 
 // Turns the counters of a digit into sums over the units before each, starting at `start`; returns the sum of all.
 uint scan_units(uint digit, uint start) {
-    for (uint u = 0; u < UNITS; u++) {
+    [[dont_unroll]] for (uint u = 0; u < UNITS; u++) {
         uint own = counters[u * RADIX + digit];
         counters[u * RADIX + digit] = start;
         start += own;
@@ -194,23 +190,31 @@ uint scan_units(uint digit, uint start) {
     return start;
 }
 
-// Writes keys and values at the positions given by their ranks.
-void write_by_rank(uint n, uint ranks[ROWS]) {
-    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) scan_units(digit, starts[digit]);
-    barrier();
-    for (uint row = 0; row < ROWS; row++) {
+// Writes the keys and values of an invocation's run in their order: the counter of a digit is the position of its next key.
+void write_run(uint n) {
+    [[dont_unroll]] for (uint row = 0; row < ROWS; row++) {
         uint at = position(row);
         if (at < n) {
-            uint own = key(row, n);
-            uint to = counters[unit() * RADIX + digit_of(own)] + ranks[row];
+            uint own = keys_in[at], to = counters[unit() * RADIX + digit_of(own)]++;
             keys_out[to] = own;
-            values_out[to] = SERIAL ? values_in[at] : held_values[row];
+            values_out[to] = values_in[at];
+        }
+    }
+}
+
+// Writes keys and values at the positions given by their ranks.
+void write_by_rank(uint n, uint ranks[HELD]) {
+    for (uint row = 0; row < HELD; row++) {
+        if (position(row) < n) {
+            uint to = counters[unit() * RADIX + digit_of(held_keys[row])] + ranks[row];
+            keys_out[to] = held_keys[row];
+            values_out[to] = held_values[row];
         }
     }
 }
 
 // The same through shared memory, where the block's words are put in order.
-void write_staged(uint n, uint ranks[ROWS]) {
+void write_staged(uint n, uint ranks[HELD]) {
     for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) totals[digit] = scan_units(digit, 0);
     barrier();
     scan_totals();
@@ -246,18 +250,30 @@ void write_staged(uint n, uint ranks[ROWS]) {
 }
 
 void scatter(uint n) {
-    uint ranks[ROWS];
-    hold_keys(n);
-    hold_values(n);
+    uint ranks[HELD];
+    if (!SERIAL) {
+        hold_keys(n);
+        hold_values(n);
+    }
     uint blocks = (n + BLOCK - 1) / BLOCK;
     count_before(blocks);
     scan_totals();
     clear_counters(UNITS * RADIX);
     for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) starts[digit] += totals[digit];
-    for (uint row = 0; row < ROWS; row++) ranks[row] = rank(digit_of(key(row, n)), position(row) < n);
+    if (SERIAL) {
+        count_run(n);
+    } else {
+        for (uint row = 0; row < HELD; row++) ranks[row] = rank(digit_of(held_keys[row]), position(row) < n);
+    }
     barrier();
     if (group_index() >= blocks) return;
-    if (STAGED) write_staged(n, ranks);
+    if (STAGED) {
+        write_staged(n, ranks);
+        return;
+    }
+    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) scan_units(digit, starts[digit]);
+    barrier();
+    if (SERIAL) write_run(n);
     else write_by_rank(n, ranks);
 }
 

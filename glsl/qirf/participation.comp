@@ -79,8 +79,8 @@ bool factorise(uint lane) {
 // Computes B^T B; false if it is not finite.
 bool gram(uint lane) {
     bool sound = true;
-    for (uint a = 0; a < CHANNELS; a++) {
-        for (uint b = 0; b <= a; b++) {
+    [[dont_unroll]] for (uint a = 0; a < CHANNELS; a++) {
+        [[dont_unroll]] for (uint b = 0; b <= a; b++) {
             float sum = 0;
             for (uint row = lane; row < m; row += SUBGROUP) {
                 sum += factors[factor_at + a * m + row] * factors[factor_at + b * m + row];
@@ -109,9 +109,9 @@ void prepare(uint lane, vec2 scale) {
 
 // Cyclic Jacobi (Golub and Van Loan): lanes share the entries of the two rows and columns that a rotation changes.
 void diagonalise(uint lane) {
-    for (uint sweep = 0; sweep < SWEEPS; sweep++) {
-        for (uint p = 0; p < CHANNELS - 1; p++) {
-            for (uint q = p + 1; q < CHANNELS; q++) {
+    [[dont_unroll]] for (uint sweep = 0; sweep < SWEEPS; sweep++) {
+        [[dont_unroll]] for (uint p = 0; p < CHANNELS - 1; p++) {
+            [[dont_unroll]] for (uint q = p + 1; q < CHANNELS; q++) {
                 float off = g[p][q];
                 float theta = (g[q][q] - g[p][p]) / (2 * off);
                 float t = (theta < 0 ? -1 : 1) / (abs(theta) + sqrt(theta * theta + 1));
@@ -147,7 +147,7 @@ uint leading(uint lane) {
     for (uint k = lane; k < CHANNELS; k += SUBGROUP) {
         uint before = 0;
         float own = eigenvalue(k);
-        for (uint o = 0; o < CHANNELS; o++) {
+        [[dont_unroll]] for (uint o = 0; o < CHANNELS; o++) {
             float other = eigenvalue(o);
             before += other > own || (other == own && o < k) ? 1 : 0;
         }
@@ -155,7 +155,7 @@ uint leading(uint lane) {
     }
     full_barrier();
     float total = 0;
-    for (uint k = 0; k < CHANNELS; k++) total += max(eigenvalue(k), 0.0);
+    [[dont_unroll]] for (uint k = 0; k < CHANNELS; k++) total += max(eigenvalue(k), 0.0);
     float sum = 0;
     uint r = 0;
     do {
@@ -171,7 +171,7 @@ void participate(uint lane, vec2 scale, uint r, uint out_at) {
     for (uint row = lane; row < m; row += SUBGROUP) {
         float b[CHANNELS];
         for (uint k = 0; k < CHANNELS; k++) b[k] = scale[k / RENDERING] * factors[factor_at + k * m + row];
-        for (uint k = 0; k < CHANNELS; k++) {
+        [[dont_unroll]] for (uint k = 0; k < CHANNELS; k++) {
             float x = 0;
             for (uint c = 0; c < CHANNELS; c++) x += b[c] * y[c][place[k]];
             modes[factor_at + k * m + row] = k < r ? x : 0;
@@ -210,7 +210,7 @@ void main() {
     uint r = 0;
     if (good) {
         vec2 scale = vec2(1);
-        for (uint of_h = 0; of_h < 2; of_h++) {
+        [[dont_unroll]] for (uint of_h = 0; of_h < 2; of_h++) {
             prepare(lane, scale);
             diagonalise(lane);
             uint leads = leading(lane);

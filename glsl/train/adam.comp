@@ -135,7 +135,7 @@ void update_block(uint first) {
 
 // All elements of an attribute of Gaussian `g`.
 #define UPDATE_OWN(values, moments, width, rate, offset, extra)                                 \
-    [[unroll]] for (uint c = 0; c < width; c++) {                                               \
+    [[dont_unroll]] for (uint c = 0; c < width; c++) {                                          \
         uint at = width * g + c;                                                                \
         UPDATE_ELEMENT(values, moments, rate, rows[row + offset + c], extra)                    \
     }
@@ -145,9 +145,10 @@ void update_block(uint first) {
     [[dont_unroll]] for (uint m = 0; m < coefficients; m++) {                                   \
         float value = basis[0];                                                                 \
         [[unroll]] for (uint k = 1; k < coefficients; k++) value = m == k ? basis[k] : value;   \
-        [[unroll]] for (uint k = 0; k < 3; k++) {                                               \
+        [[dont_unroll]] for (uint k = 0; k < 3; k++) {                                          \
             uint at = 3 * (coefficients * g + m) + k;                                           \
-            UPDATE_ELEMENT(values, moments, rate, value * colour[k], 0)                         \
+            float of_channel = k == 0 ? colour.x : k == 1 ? colour.y : colour.z;                \
+            UPDATE_ELEMENT(values, moments, rate, value * of_channel, 0)                        \
         }                                                                                       \
     }
 

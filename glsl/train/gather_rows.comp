@@ -1,6 +1,7 @@
 // Gathers rows of WIDTH floats by source row. With FRESH, new rows become zero: the moments of new Gaussians.
 #version 460
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "lib/dispatch.glsl"
 #include "lib/density.glsl"
 
@@ -17,5 +18,5 @@ void main() {
     uint row = global_index();
     if (row >= count[0]) return;
     bool zero = FRESH && kinds[row] != KEPT;
-    for (uint c = 0; c < WIDTH; c++) target[row * WIDTH + c] = zero ? 0 : source[sources[row] * WIDTH + c];
+    [[dont_unroll]] for (uint c = 0; c < WIDTH; c++) target[row * WIDTH + c] = zero ? 0 : source[sources[row] * WIDTH + c];
 }
