@@ -56,7 +56,7 @@ uint position(uint row) {
 }
 
 void clear_counters(uint count) {
-    [[dont_unroll]] for (uint i = gl_LocalInvocationID.x; i < count; i += WORKGROUP) counters[i] = 0;
+    for (uint i = gl_LocalInvocationID.x; i < count; i += WORKGROUP) counters[i] = 0;
     barrier();
 }
 
@@ -182,7 +182,7 @@ void scan_totals() {
 
 // Turns the counters of a digit into sums over the units before each, starting at `start`; returns the sum of all.
 uint scan_units(uint digit, uint start) {
-    [[dont_unroll]] for (uint u = 0; u < UNITS; u++) {
+    for (uint u = 0; u < UNITS; u++) {
         uint own = counters[u * RADIX + digit];
         counters[u * RADIX + digit] = start;
         start += own;
