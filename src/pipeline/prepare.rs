@@ -3,7 +3,7 @@
 use super::depth_maps::{self, DepthMaps};
 use crate::effects::{DepthEvidence, Effect};
 use crate::gaussians::Gaussians;
-use crate::gaussians::formats::{self, RenderMode, crc32, crc32_of_file};
+use crate::gaussians::formats::{self, RenderMode, crc32};
 use crate::job::Error;
 use crate::job::config::Selection;
 use crate::job::watcher::Watcher;
@@ -11,8 +11,11 @@ use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene, View};
 use crate::train;
+use flate2::CrcWriter;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// A scene ready to train on.
@@ -135,6 +138,21 @@ pub fn all_there(scene: &Scene, names: &[String]) -> Result<(), Error> {
     }
 }
 
+/// CRC-32 of a file; 0 for a folder.
+///
+/// # Errors
+/// A file that cannot be read.
+pub fn crc32_of_file(path: &Path) -> Result<u32, Error> {
+    if path.is_dir() {
+        return Ok(0);
+    }
+    let mut crc = CrcWriter::new(io::sink());
+    match File::open(path).and_then(|mut file| io::copy(&mut file, &mut crc)) {
+        Ok(_) => Ok(crc.crc().sum()),
+        Err(source) => Err(Error::Read { path: path.to_owned(), source }),
+    }
+}
+
 /// CRC-32 of each view by name: of its photo's, mask's and depth map's files, and of its camera in float32.
 ///
 /// # Errors
@@ -145,11 +163,8 @@ pub fn contents(scene: &Scene) -> Result<BTreeMap<String, u32>, Error> {
     }
     // Faces of one panorama share its file.
     let all: BTreeSet<&Path> = scene.views.iter().flat_map(files).collect();
-    let sums = all.into_par_iter().map(|path| match crc32_of_file(path) {
-        Ok(sum) => Ok((path, sum)),
-        Err(source) => Err(Error::Read { path: path.to_owned(), source }),
-    });
-    let sums: BTreeMap<&Path, u32> = sums.collect::<Result<_, _>>()?;
+    let sums = all.into_par_iter().map(|path| Ok((path, crc32_of_file(path)?)));
+    let sums: BTreeMap<&Path, u32> = sums.collect::<Result<_, Error>>()?;
     let sum = |view: &View| {
         let files: Vec<u32> = files(view).map(|path| sums[path]).collect();
         let camera = numbers(&view.camera);

@@ -1,13 +1,13 @@
 //! A compression in tasks: evidence by chunks of views, one choice, scores by held-out views.
 
-use super::files::{Files, crc32_of_file};
+use super::files::Files;
 use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::{Gaussians, formats};
 use crate::job::output::{absolute, bytes_on_disk, respell};
 use crate::job::records::{ModelFile, PruneRecord, StageScores, ViewStages};
 use crate::job::{Error, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
-use crate::pipeline::prepare::{contents, open};
+use crate::pipeline::prepare::{contents, crc32_of_file, open};
 use crate::response::CHUNK;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

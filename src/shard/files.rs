@@ -6,11 +6,12 @@ use super::task::{Listed, Task};
 use crate::gaussians::formats::{self, RenderMode};
 use crate::gaussians::{Gaussians, formats::crc32};
 use crate::job::Error;
+use crate::pipeline::prepare::crc32_of_file;
 use crate::response::Responses;
 use crate::train::checkpoint::Snapshot;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Notes of a training state that name its plan and its task.
 const NOTES: [&str; 2] = ["plan", "task"];
@@ -145,9 +146,4 @@ impl Files {
         let sealed = self.seal(task, &Beside { model_crc32, content })?;
         Ok(vec![bytes, sealed])
     }
-}
-
-/// CRC-32 of a file; 0 for a folder.
-pub(super) fn crc32_of_file(path: &Path) -> Result<u32, Error> {
-    formats::crc32_of_file(path).map_err(|source| Error::Read { path: path.to_owned(), source })
 }

@@ -35,7 +35,7 @@ use super::{Error, Gaussians};
 use crate::wording::named;
 use fault::Fault;
 pub use georeference::georeference;
-pub use output::{check_place, crc32, crc32_of_file, refuse_overwrite, remove_leftovers, write_atomically};
+pub use output::{check_place, crc32, refuse_overwrite, remove_leftovers, write_atomically};
 pub use parts::parts;
 pub use precision::{Ladder, Precision, SogPrecision, SpzPrecision, ladder, usual};
 pub use render_mode::RenderMode;

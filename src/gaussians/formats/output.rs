@@ -1,6 +1,5 @@
 //! Writes files completely or not at all, and never over the input.
 
-use flate2::CrcWriter;
 use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -46,16 +45,6 @@ pub fn crc32<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u32 {
     let mut crc = flate2::Crc::new();
     parts.into_iter().for_each(|part| crc.update(part));
     crc.sum()
-}
-
-/// CRC-32 of a file; 0 for a folder.
-pub fn crc32_of_file(path: &Path) -> io::Result<u32> {
-    if path.is_dir() {
-        return Ok(0);
-    }
-    let mut crc = CrcWriter::new(io::sink());
-    io::copy(&mut File::open(path)?, &mut crc)?;
-    Ok(crc.crc().sum())
 }
 
 /// Writes `path` by way of a temporary file beside it: written, flushed to the disk, then renamed over `path`.
