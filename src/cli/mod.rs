@@ -67,7 +67,7 @@ struct Global {
     #[arg(long, global = true, value_name = "CLASS,FIELD=VALUE")]
     tuning: Option<TuningChoice>,
     /// Maximum length of a submission to the device, in milliseconds: for slow devices on systems that reset a busy driver, as
-    /// Windows does after 2,000 [default: $QIRF_MAX_SUBMISSION, else no limit]
+    /// Windows does after 2,000 [default: $QIRF_MAX_SUBMISSION, else 1000 for integrated GPUs on Windows, and no limit elsewhere]
     #[arg(long, global = true, value_name = "MS")]
     max_submission: Option<Milliseconds>,
     /// Print only results and errors

@@ -6,6 +6,7 @@ use super::inspect::{is_run, is_scene, read_model};
 use super::interrupt::Watch;
 use super::style;
 use super::values::{self, Up};
+use crate::effects::{Effect, THUMBNAIL_WIDTH};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::job::diagnostics::Diagnostics;
@@ -14,7 +15,7 @@ use crate::job::{Error, RunConfig, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::place::place_in;
 use crate::render::Style;
-use crate::scene::{OpenOptions, Resize, Scene};
+use crate::scene::{LoadOptions, OpenOptions, Resize, Scene, alpha_role};
 use crate::train::initialise::{Seed, from_points};
 use crate::view::subject::{Capture, Job, Model};
 use crate::view::{Live, Server, ServerOptions, StaticView, Subject};
@@ -282,8 +283,13 @@ fn capture(
     let given = trained.as_ref().and_then(|s| s.resolution.as_deref()).map(values::resolution).transpose();
     let given = given.map_err(Error::Usage)?.or(trained.as_ref().map(|_| Resize::Full));
     let resize = resolution.or(given).unwrap_or(Resize::Width(640));
-    let split = scene.split(trained.map_or(crate::scene::EVAL_EVERY, |s| s.eval_every));
-    Ok(Capture { scene, resize, split, psnr: HashMap::new() })
+    let split = scene.split(trained.as_ref().map_or(crate::scene::EVAL_EVERY, |s| s.eval_every));
+    let effects = trained.map(|s| s.effects).unwrap_or_default();
+    let (alpha, masks) = (effects.forced(Effect::Transparency), effects.allow(Effect::Masks));
+    let views: Vec<_> = scene.views.iter().collect();
+    let small = LoadOptions { resize: Resize::Width(THUMBNAIL_WIDTH), alpha, masks, ..LoadOptions::default() };
+    let alpha_role = alpha_role(&views, &small)?;
+    Ok(Capture { scene, resize, split, alpha_role, psnr: HashMap::new() })
 }
 
 /// A capture's points as a model, for captures without one.

@@ -15,7 +15,7 @@ use super::instance::{self, Instance};
 use super::memory::{self, Memory};
 use super::module::Modules;
 use super::options::DeviceOptions;
-use super::pace::Pace;
+use super::pace::{self, Pace};
 use super::pipeline::Pipelines;
 use super::probe;
 use super::queue::Queue;
@@ -250,7 +250,7 @@ impl Context {
             hazards: Mutex::default(),
             counters: Counters::default(),
             compile_only: options.compile_only,
-            pace: options.max_submission.map(Pace::new),
+            pace: options.max_submission.or_else(|| pace::usual(info.kind)).map(Pace::new),
             executables,
             compiled: Mutex::default(),
             frames: Mutex::default(),

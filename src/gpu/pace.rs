@@ -2,6 +2,7 @@
 //!
 //! Some systems reset a driver whose device is at one submission for too long: Windows after 2 s.
 
+use super::choose::select::DeviceKind;
 use super::device::lock;
 use rustc_hash::FxHashMap;
 use std::sync::Mutex;
@@ -22,6 +23,11 @@ struct Known {
     /// By kernel: expected seconds of its next dispatch, and seconds of its longest one.
     kernels: FxHashMap<&'static str, (f64, f64)>,
     longest_submission: f64,
+}
+
+/// The limit where none is given: half of what Windows allows, for GPUs that share the host's memory there.
+pub(super) fn usual(kind: DeviceKind) -> Option<Duration> {
+    (cfg!(windows) && kind == DeviceKind::Integrated).then_some(Duration::from_secs(1))
 }
 
 impl Pace {

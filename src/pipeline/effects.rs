@@ -30,9 +30,9 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
     Ok((decisions, gains.believed()))
 }
 
-/// Decides on the effects of a scene on disk, and returns what the photos, masks and depth maps give cause to tell. Photos that are
-/// absent or damaged are left out.
-pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Vec<String>), Error> {
+/// Decides on the effects of a scene on disk, and returns everything that a run would leave out of it or say about it, damaged photos
+/// included.
+pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     let mut scene = scene.clone();
     // Without any photo the detectors still name what is missing.
     let _ = scene.require_photos();
@@ -40,10 +40,13 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Vec<String>), Error> {
     let split = scene.split(EVAL_EVERY).train;
     let views: Vec<&View> = scene.views.iter().collect();
     let options = LoadOptions { resize: Resize::Width(THUMBNAIL_WIDTH), ..LoadOptions::default() };
-    let LoadedPhotos { photos: loaded, mut notes, without_mask } = load_photos(&views, &options, &|_| ())?;
-    let mut left_out = Skipped::default();
+    let LoadedPhotos { photos: loaded, notes, without_mask } = load_photos(&views, &options, &|_| ())?;
+    let mut skipped = scene.skipped.clone();
     for at in without_mask {
-        left_out.damaged_masks.add_photo(views[at]);
+        skipped.damaged_masks.add_photo(views[at]);
+    }
+    for (_, view) in loaded.iter().zip(&views).filter(|(photo, _)| photo.is_err()) {
+        skipped.damaged_images.add_photo(view);
     }
     let (mut train, mut photos) = (Vec::new(), Vec::new());
     for view in split {
@@ -53,10 +56,10 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Vec<String>), Error> {
         }
     }
     let maps = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH));
-    notes.extend(left_out.summary().into_iter().chain(maps.notes));
+    skipped.notes.extend(notes.into_iter().chain(maps.notes));
     let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
     let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
-    Ok((effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0, notes))
+    Ok((effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0, skipped))
 }
 
 /// Decides on view dependence for a model without photos: the SH bands that change a colour by 1/255 or more.

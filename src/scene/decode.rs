@@ -162,6 +162,19 @@ pub fn load_photos(
     Ok(LoadedPhotos { photos, notes, without_mask })
 }
 
+/// Meaning of the fourth byte of many views' photos together, as [`load_photos`] decides; decodes them only if one has an alpha channel.
+///
+/// # Errors
+/// [`Error::Store`] where the temporary file cannot be written.
+pub fn alpha_role(views: &[&View], options: &LoadOptions<'_>) -> Result<AlphaRole, Error> {
+    if options.alpha == Some(false) || !views.par_iter().any(|view| view.announces_alpha()) {
+        let masked = options.masks && views.iter().any(|view| view.is_masked());
+        return Ok(if masked { AlphaRole::Mask } else { AlphaRole::Opaque });
+    }
+    let loaded = load_photos(views, options, &|_| ())?;
+    Ok(AlphaRole::of(loaded.photos.iter().flatten()))
+}
+
 /// Storage of decoded pixels: the host's memory, or a file with a place for every photo.
 struct Store<'a> {
     file: Option<PhotoFile>,

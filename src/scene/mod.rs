@@ -35,10 +35,11 @@ use serde::Serialize;
 
 use crate::wording::counted;
 
-pub use decode::{ALPHA_SHARE, LoadOptions, LoadedPhotos, PhotoMemory, load_photos};
+pub use decode::{ALPHA_SHARE, LoadOptions, LoadedPhotos, PhotoMemory, alpha_role, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
 pub(crate) use median::median;
+pub use near::{ONE_PLACE, USUAL_DISTANCE};
 pub use overlap::Overlap;
 pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
@@ -144,18 +145,6 @@ fn unusable(view: &View, skipped: &mut Skipped) -> Option<String> {
 }
 
 impl Scene {
-    /// Everything that is left out, with the views that [`Scene::require_photos`] would drop, and those whose photo has no legible
-    /// header.
-    pub fn left_out(&self) -> Skipped {
-        let mut skipped = self.skipped.clone();
-        for view in &self.views {
-            if unusable(view, &mut skipped).is_none() && view.photo_size.is_none() {
-                skipped.damaged_images.add_photo(view);
-            }
-        }
-        skipped
-    }
-
     /// A note if the scene has too few points to start training from.
     pub fn lacks_points(&self) -> Option<String> {
         let said = match self.points.len() {
@@ -288,9 +277,10 @@ impl Scene {
     }
 
     /// Scene extent of 3DGS: 1.1 times the largest distance of a camera of `views` (usually the split's training views)
-    /// to their mean, in world units.
+    /// to their mean, in world units; half the distance of things in a scene of usual size if the cameras are at one place.
     pub fn extent(&self, views: &[usize]) -> f64 {
-        camera::extent(self.chosen(views))
+        let (own, near) = (camera::extent(self.chosen(views)), f64::from(self.near));
+        if own > ONE_PLACE * near { own } else { 0.5 * USUAL_DISTANCE * near }
     }
 
     fn chosen<'a>(&'a self, views: &'a [usize]) -> impl Iterator<Item = &'a camera::Camera> + Clone {

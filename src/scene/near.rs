@@ -3,8 +3,10 @@
 use super::{Point, Scene, View};
 use crate::kernels::constants::view::NEAR;
 
-/// The near plane as a share of the median depth of the points: 3DGS's 0.2 where that is 9.2.
-const SHARE: f64 = 0.2 / 9.2;
+/// Median depth of the points in a scene of usual size, in near planes: 9.2 where that is 3DGS's 0.2.
+pub const USUAL_DISTANCE: f64 = 9.2 / 0.2;
+/// Cameras nearer to each other than this, in near planes, are at one place, from where nothing shows how far away things are.
+pub const ONE_PLACE: f64 = 5e-3;
 /// Maximum ratio of a scene's own near plane to 3DGS's for which 3DGS's is used, because models are trained with it.
 const USUAL: f64 = 2.5;
 /// Number of views for the depths of points without a track.
@@ -12,7 +14,7 @@ const LOOKS: usize = 20;
 
 /// The near plane in world units, in proportion to the scene's size; 3DGS's for scenes of usual or unknown size.
 pub(super) fn near(views: &[View], points: &[Point]) -> f32 {
-    let own = SHARE * size(views, points);
+    let own = size(views, points) / USUAL_DISTANCE;
     let usual = f64::from(NEAR);
     if own == 0.0 || (usual / USUAL..=usual * USUAL).contains(&own) { NEAR } else { own as f32 }
 }

@@ -1,6 +1,7 @@
 //! Errors of training.
 
 use crate::gpu;
+use crate::wording::counted;
 use std::io;
 
 /// An error of the training floor.
@@ -29,7 +30,8 @@ pub enum Error {
     Method { method: &'static str },
     /// The cameras leave no place for random points.
     #[error(
-        "only {found} of {asked} random points found a place in {tries} tries, {near:.1} or more before {cameras} cameras that see it"
+        "only {found} of {asked} random points found a place in {tries} tries that {} can see from {near:.1} or further",
+        counted(*cameras, "camera")
     )]
     Points {
         found: usize,

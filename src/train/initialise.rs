@@ -6,7 +6,7 @@ use crate::kernels::constants::sh::float64::SH_C0;
 use crate::random::uniform;
 use crate::render::Settings;
 use crate::scene::camera::Camera;
-use crate::scene::{Photo, Point};
+use crate::scene::{ONE_PLACE, Photo, Point, USUAL_DISTANCE};
 use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 use rstar::RTree;
@@ -19,8 +19,11 @@ const OPACITY: f64 = 0.1;
 const LEAST_SQUARED_DISTANCE: f64 = 1e-7;
 /// Depths tried along a random ray; the one at which the photos agree best is taken.
 const DEPTHS: u64 = 12;
-/// Number of views that must see a random point (or all views, if there are fewer).
+/// Number of views that must see a random point, or the number of places of the cameras, if there are fewer: the faces of a
+/// panorama see no point in common.
 const SEEN_BY: usize = 3;
+/// Least depth of the focus, as a share of the cameras' spread, for a camera to look at it; panoramas look everywhere.
+const ASIDE: f64 = 0.1;
 /// Number of views in which a random point's colour is compared.
 const COMPARED: usize = 8;
 /// Half the side of the cube that contains Blender scenes (the reference's).
@@ -88,7 +91,7 @@ pub fn random(photos: &[Photo], count: usize, blender: bool, seed: u64) -> Resul
 /// distance at which the cameras' axes meet, where at least three cameras see them. `DEPTHS` depths are tried on a ray, and
 /// the one on whose colour the photos agree best is taken: a plane sweep of random planes, which costs a second and starts
 /// training near the surfaces. In Blender scenes points lie within the cube. No point lies between a camera that sees it and
-/// the near plane, which is `near` world units away.
+/// the near plane, which is `near` world units away. Cameras at one place look at points as far away as in a scene of usual size.
 ///
 /// Rays without a suitable depth are replaced until there are `count` points; the same seed gives the same points.
 ///
@@ -100,13 +103,15 @@ pub fn random_in(photos: &[Photo], count: usize, (blender, near): (bool, f32), s
     }
     let near = f64::from(near) * NEAR_LEEWAY;
     let blender = blender && near == f64::from(Settings::default().near) * NEAR_LEEWAY;
-    let search = Search { photos, focus: focus(photos.iter().map(|p| &p.camera), near), near, blender };
+    let seen_by = places(photos.iter().map(|p| &p.camera), ONE_PLACE * near);
+    let (focus, spread) = focus(photos.iter().map(|p| &p.camera), near);
+    let search = Search { photos, focus, spread, near, blender, seen_by };
     let most = (count as u64).saturating_mul(TRIES.0).max(TRIES.1);
     let (mut found, mut tried) = (Vec::with_capacity(count), 0);
     while found.len() < count {
         if tried >= most {
-            let (found, cameras) = (found.len(), SEEN_BY.min(photos.len()));
-            return Err(Error::Points { found, asked: count, tries: tried, near, cameras });
+            let found = found.len();
+            return Err(Error::Points { found, asked: count, tries: tried, near, cameras: seen_by });
         }
         let missing = (count - found.len()) as u64;
         // As many rays as the success rate so far suggests, and a few more.
@@ -125,8 +130,12 @@ pub fn random_in(photos: &[Photo], count: usize, (blender, near): (bool, f32), s
 struct Search<'a> {
     photos: &'a [Photo],
     focus: DVec3,
+    /// Distance at which cameras look that do not look at the focus.
+    spread: f64,
     near: f64,
     blender: bool,
+    /// Number of views that must see a point.
+    seen_by: usize,
 }
 
 impl Search<'_> {
@@ -136,7 +145,8 @@ impl Search<'_> {
         let camera = &self.photos[(draw(0) * self.photos.len() as f64) as usize].camera;
         let pixel = DVec2::new(draw(1) * f64::from(camera.width), draw(2) * f64::from(camera.height));
         let ray = camera.ray(pixel);
-        let distance = (camera.rotation * self.focus + camera.translation).z.max(5e-3 * self.near);
+        let distance = camera.depth(self.focus);
+        let distance = if distance > ASIDE * self.spread { distance } else { self.spread };
         // Points lie beyond the near plane even if the cameras' axes meet before it, or nowhere.
         let low = (self.near / distance).max(0.2);
         let high = (5.0 * low).max(3.0);
@@ -176,7 +186,7 @@ impl Search<'_> {
                 break;
             }
         }
-        if n < SEEN_BY.min(photos.len()) {
+        if n < self.seen_by {
             return Ok(None);
         }
         let mean = sum / n as f64;
@@ -194,8 +204,20 @@ fn project(camera: &Camera, position: DVec3) -> Option<([u32; 2], f64)> {
     camera.pixel_of(position).map(|pixel| (pixel, camera.depth(position)))
 }
 
-/// The point nearest to all cameras' axes; if the axes are parallel, the cameras' centre moved along their mean direction.
-fn focus<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone, near: f64) -> DVec3 {
+/// The number of places, further than `apart` from each other, at which cameras are; at most [`SEEN_BY`].
+fn places<'a>(cameras: impl Iterator<Item = &'a Camera>, apart: f64) -> usize {
+    let mut found: Vec<DVec3> = Vec::new();
+    for centre in cameras.map(Camera::centre) {
+        if found.len() < SEEN_BY && found.iter().all(|place| place.distance(centre) > apart) {
+            found.push(centre);
+        }
+    }
+    found.len()
+}
+
+/// The point nearest to all cameras' axes; if the axes are parallel, the cameras' centre moved along their mean direction. Then the
+/// largest distance of a camera from that centre.
+fn focus<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone, near: f64) -> (DVec3, f64) {
     let (mut a, mut b, mut centre, mut forward, mut n) = (DMat3::ZERO, DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, 0.0);
     for camera in cameras.clone() {
         let axis = camera.rotation.row(2);
@@ -207,9 +229,10 @@ fn focus<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone, near: f64) -> DV
         n += 1.0;
     }
     centre /= n;
-    let spread = cameras.clone().map(|c| c.centre().distance(centre)).fold(0.0, f64::max).max(5e-3 * near);
+    let spread = cameras.clone().map(|c| c.centre().distance(centre)).fold(0.0, f64::max);
+    let spread = if spread > ONE_PLACE * near { spread } else { USUAL_DISTANCE * near };
     let met = if a.determinant() > 1e-6 * n { a.inverse() * b } else { centre + forward.normalize_or_zero() * spread };
     let in_front = cameras.filter(|c| (c.rotation * met + c.translation).z > 0.0).count();
     // The axes of cameras that look outward meet behind them.
-    if in_front as f64 > 0.5 * n { met } else { centre + forward.normalize_or_zero() * spread }
+    (if in_front as f64 > 0.5 * n { met } else { centre + forward.normalize_or_zero() * spread }, spread)
 }

@@ -65,6 +65,8 @@ pub struct Capture {
     pub resize: Resize,
     /// Division into training views and held-out views.
     pub split: Split,
+    /// Meaning of the fourth byte of the photos' pixels.
+    pub alpha_role: AlphaRole,
     /// PSNR of held-out views in dB, by name; empty if unknown.
     pub psnr: HashMap<String, f64>,
 }
@@ -78,15 +80,16 @@ impl Capture {
     /// Photo `n` at the working size.
     pub fn photo(&self, n: usize) -> Result<Photo, Error> {
         let view = self.scene.views.get(n).ok_or_else(|| Error::Usage(format!("there is no photo {n}")))?;
-        let options = LoadOptions { resize: self.resize, ..LoadOptions::default() };
+        // The capture decides on alpha, not the photo.
+        let (alpha, masks) = (Some(self.alpha_role == AlphaRole::Alpha), self.alpha_role == AlphaRole::Mask);
+        let options = LoadOptions { resize: self.resize, alpha, masks, ..LoadOptions::default() };
         let mut loaded = load_photos(&[view], &options, &|_| ()).map_err(Error::Scene)?;
         loaded.photos.remove(0).map_err(Error::Scene)
     }
 
     /// The usual background of the photos: white if they have alpha, as in Blender's scenes, otherwise black.
     pub fn background(&self) -> [f32; 3] {
-        let alpha = self.photo(0).is_ok_and(|photo| photo.alpha_role == AlphaRole::Alpha);
-        if alpha { [1.0; 3] } else { [0.0; 3] }
+        if self.alpha_role == AlphaRole::Alpha { [1.0; 3] } else { [0.0; 3] }
     }
 
     /// Photo `n` as JPEG, over a background.

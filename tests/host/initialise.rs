@@ -186,6 +186,39 @@ fn blender_scenes_stay_in_their_cube() {
     assert!(seeds.iter().all(|s| s.position.abs().max_element() <= 1.3));
 }
 
+/// Nothing shows how far away things are: points lie as far away as in a scene of usual size.
+#[test]
+fn cameras_at_one_place_have_points_at_usual_distances() {
+    let one = ring(1, [40, 30]);
+    assert!(random(&one, 500, true, 3).unwrap().iter().all(|s| s.position.abs().max_element() <= 1.3));
+    let mut turned = ring(5, [40, 30]);
+    for (i, view) in turned.iter_mut().enumerate() {
+        let (sin, cos) = (0.4 * i as f64).sin_cos();
+        view.camera = Camera::look_at(DVec3::ZERO, DVec3::new(cos, 0.0, sin), DVec3::Y, 0.8, 40, 30);
+    }
+    for views in [one, turned] {
+        let seeds = random(&views, 500, false, 3).unwrap();
+        let view = |s: &Seed| views.iter().find(|v| sees(v, s.position)).unwrap();
+        let mut depths: Vec<f64> = seeds.iter().map(|s| depth(view(s), s.position)).collect();
+        depths.sort_by(f64::total_cmp);
+        assert!(depths[0] > 1.0 && (2.0..20.0).contains(&depths[250]), "{depths:?}");
+    }
+}
+
+/// The faces of a panorama see nothing in common: two panoramas are two witnesses, not twelve.
+#[test]
+fn two_panoramas_have_points() {
+    let mut views = ring(12, [40, 40]);
+    for (i, view) in views.iter_mut().enumerate() {
+        let eye = DVec3::new((i / 6) as f64, 0.0, 0.0);
+        let way = [DVec3::X, DVec3::Z, DVec3::Y][i % 3] * if i % 6 < 3 { 1.0 } else { -1.0 };
+        let up = if i % 3 == 2 { DVec3::X } else { DVec3::Y };
+        view.camera = Camera::look_at(eye, eye + way, up, std::f64::consts::FRAC_PI_2, 40, 40);
+    }
+    let seeds = random(&views, 500, false, 3).unwrap();
+    assert!(seeds.iter().all(|s| views.iter().filter(|v| sees(v, s.position)).count() >= 2));
+}
+
 #[test]
 fn random_points_do_not_depend_on_threads() {
     let views = ring(12, [40, 30]);

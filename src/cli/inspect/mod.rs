@@ -179,7 +179,7 @@ fn line(value: &Value) -> String {
         Value::Number(n) => n.as_f64().filter(|_| n.is_f64()).map_or_else(
             || n.to_string(),
             |v| {
-                if v != 0.0 && !(1e-3..1e6).contains(&v.abs()) { format!("{v:.3e}") } else { format!("{v:.4}") }
+                if v != 0.0 && !(1e-3..1e9).contains(&v.abs()) { format!("{v:.3e}") } else { format!("{v:.4}") }
             },
         ),
         Value::Array(items) if items.is_empty() => "none".into(),

@@ -36,6 +36,7 @@ pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
         "sh_degree_in_effect": model.degree_in_effect(),
         "sh_rms_by_band": bands,
         "bytes_in_memory": memory(model),
+        "origin": loaded.origin,
         "x": quantiles(axis(0)),
         "y": quantiles(axis(1)),
         "z": quantiles(axis(2)),

@@ -10,7 +10,7 @@ use crate::view::capture;
 use crate::wording::counted;
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Median distances of points from where a photo's pose shows them, in pixels and in medians of all photos, above which it does not fit.
@@ -111,14 +111,16 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         refuse_photo_folders(&scene, [file.to_owned()].iter())?;
         page(&scene, &split, &doubts, file)?;
     }
-    let (decisions, notes) = effects::of_scene(&scene)?;
+    let (decisions, skipped) = effects::of_scene(&scene)?;
+    let photos: BTreeSet<&str> = scene.views.iter().map(View::photo_name).collect();
+    let unread = skipped.missing_images.count + skipped.damaged_images.count;
     let tracks: usize = scene.points.iter().map(|p| p.track.len()).sum();
     Ok(json!({
         "kind": "scene",
         "format": scene.kind,
         "source": scene.source.to_string_lossy(),
         "views": scene.views.len(),
-        "photos_present": scene.views.iter().filter(|v| v.photo_size.is_some()).count(),
+        "photos_present": photos.len().saturating_sub(unread),
         "photos_with_alpha": alpha,
         "masks": scene.views.iter().filter(|v| v.is_masked()).count(),
         "depth_maps": scene.views.iter().filter(|v| v.depth.is_some()).count(),
@@ -137,7 +139,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "origin": scene.origin.to_array(),
         "train_views": split.train.len(),
         "test_views": split.test.len(),
-        "skipped": scene.left_out().summary().into_iter().chain(notes).collect::<Vec<_>>(),
+        "skipped": skipped.summary(),
         "advice": doubts.advice().into_iter().chain(scene.lacks_points()).collect::<Vec<_>>(),
         "effects": decisions,
     }))

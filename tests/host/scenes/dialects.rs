@@ -5,7 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use crate::support::files::writers::{Model, picture, row, transforms, write, written};
-use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, PhotoTree, Resize, Scene, Split, masks_of};
+use qirf_vk::pipeline::effects::of_scene;
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, PhotoTree, Resize, Scene, Split, alpha_role, masks_of};
 
 const NAMES: [&str; 4] = ["a.png", "b.png", "c.png", "d.png"];
 
@@ -212,6 +213,8 @@ fn specks_of_alpha_decide_nothing() {
     ] {
         let scene = with_alpha(&alphas);
         let mut opened = open(scene.path());
+        let views: Vec<_> = opened.views.iter().collect();
+        assert_eq!(alpha_role(&views, &LoadOptions::default()).unwrap(), role);
         let photos = opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
         assert!(photos.iter().all(|p| p.alpha_role == role), "{}", alphas.len());
         for note in [specks, even] {
@@ -224,7 +227,10 @@ fn specks_of_alpha_decide_nothing() {
     // A channel that hides nothing does not prevent the use of masks.
     let scene = with_alpha(&[]);
     picture(&scene.path().join("masks/a.png"), 64, 48);
-    let photos = open(scene.path()).load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+    let mut opened = open(scene.path());
+    let views: Vec<_> = opened.views.iter().collect();
+    assert_eq!(alpha_role(&views, &LoadOptions::default()).unwrap(), AlphaRole::Mask);
+    let photos = opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
     assert_eq!(photos[0].alpha_role, AlphaRole::Mask);
 }
 
@@ -268,6 +274,8 @@ fn half_a_jpeg_with_an_end_is_left_out() {
     let scan = whole.windows(2).position(|w| w == [0xff, 0xda]).unwrap();
     fs::write(&path, [&whole[..usize::midpoint(scan, whole.len())], &[0xff, 0xd9]].concat()).unwrap();
     let mut opened = open(scene.path());
+    // `inspect` foretells what a run leaves out.
+    assert_eq!(of_scene(&opened).unwrap().1.damaged_images.examples, ["b.jpg"]);
     assert_eq!(opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap().len(), 1);
     assert_eq!(opened.skipped.damaged_images.examples, ["b.jpg"]);
 }
