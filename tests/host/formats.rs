@@ -4,6 +4,7 @@ mod blocks;
 mod dialects;
 mod gltf;
 mod levels;
+mod limits;
 mod readers;
 mod shared;
 mod strangers;

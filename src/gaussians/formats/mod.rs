@@ -10,6 +10,7 @@ mod fault;
 mod georeference;
 mod gltf;
 mod ksplat;
+mod limit;
 mod linear;
 mod output;
 mod parts;
@@ -178,9 +179,17 @@ fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded,
 
 /// The contents of a gzip file that is no SPZ.
 fn unzipped(bytes: &[u8], name: &Path) -> Result<Vec<u8>, Error> {
+    let most = limit::most(bytes.len());
     let mut contents = Vec::new();
-    let ended = GzDecoder::new(bytes).read_to_end(&mut contents);
+    let ended = GzDecoder::new(bytes).take(most + 1).read_to_end(&mut contents);
     match ended {
+        Ok(_) if contents.len() as u64 > most => {
+            let what = format!(
+                "{} bytes of gzip that unpack to more than {most}; unpack them if you trust the file",
+                bytes.len()
+            );
+            Err(fault::malformed("byte 0", what).at(name))
+        }
         Ok(_) if !contents.starts_with(&[0x1f, 0x8b]) => Ok(contents),
         Ok(_) => Err(fault::malformed("byte 0", "compressed by gzip twice; unpack it once").at(name)),
         Err(e) => {

@@ -156,7 +156,7 @@ fn an_spz_inside_is_read_in_the_axes_of_gltf() {
         let file = make::spz(5, version, 3, true);
         let alone = read(&file, "m.spz").unwrap().gaussians;
         for early in [false, true] {
-            let inside = read(&glb_of_spz(&file, early), "m.glb").unwrap();
+            let inside = read(&glb_of_spz(&file, 5, early), "m.glb").unwrap();
             assert_eq!(inside.format, Format::Gltf);
             for (a, b) in alone.means.iter().zip(&inside.gaussians.means) {
                 // From right-up-back to ours, and from left-up-front: they differ by half a turn about y.
@@ -223,11 +223,6 @@ fn hostile_documents_are_refused() {
     refused("meshopt", &|d| d["bufferViews"][0]["extensions"] = json!({ "EXT_meshopt_compression": {} }));
     refused("version 1.0", &|d| d["asset"]["version"] = "1.0".into());
     refused("more than 65536 entries", &|d| d["nodes"] = vec![json!({}); 65_537].into());
-    // One mesh placed as often as the file has bytes is too often.
-    refused("placed too often", &|d| {
-        d["nodes"] = vec![json!({ "mesh": 0 }); 5000].into();
-        d["scenes"] = json!([{ "nodes": (0..5000).collect::<Vec<_>>() }]);
-    });
     refused("more than 65536 primitives", &|d| {
         let primitive = d["meshes"][0]["primitives"][0].clone();
         d["meshes"][0]["primitives"] = [vec![json!({}); 20_000], vec![primitive]].concat().into();

@@ -325,7 +325,7 @@ fn hostile_bundles_are_refused() {
 
 /// One valid file of every format and variant that matters to the parsers.
 fn valid() -> Vec<(String, Vec<u8>)> {
-    let draft = ("draft.glb".to_owned(), gltf::glb_of_spz(&make::spz(6, 3, 1, true), true));
+    let draft = ("draft.glb".to_owned(), gltf::glb_of_spz(&make::spz(6, 3, 1, true), 6, true));
     corpus::models().into_iter().map(|input| (input.file, input.bytes)).chain([draft]).collect()
 }
 

@@ -78,7 +78,7 @@ pub fn models() -> Vec<Input> {
         ("interleaved.glb", gltf::glb(&model, Layout::Interleaved)),
         ("sparse.glb", gltf::glb(&model, Layout::Sparse)),
         ("quantised.glb", gltf::glb(&model, Layout::Quantised)),
-        ("spz.glb", gltf::glb_of_spz(&make::spz(6, 2, 1, true), false)),
+        ("spz.glb", gltf::glb_of_spz(&make::spz(6, 2, 1, true), 6, false)),
         ("data.gltf", gltf::gltf(&model, Layout::Planar, None).0),
         ("a.usda", make::usda(4)),
         ("a.usdz", make::usdz(4)),

@@ -174,7 +174,7 @@ pub fn gltf(model: &Gaussians, layout: Layout, uri: Option<&str>) -> (Vec<u8>, V
 }
 
 /// A GLB that contains an SPZ file, under the draft's name or an earlier one.
-pub fn glb_of_spz(spz: &[u8], early: bool) -> Vec<u8> {
+pub fn glb_of_spz(spz: &[u8], count: usize, early: bool) -> Vec<u8> {
     let packed = json!({ "bufferView": 0 });
     let extension = if early {
         json!({ "KHR_spz_gaussian_splats_compression": packed })
@@ -185,7 +185,7 @@ pub fn glb_of_spz(spz: &[u8], early: bool) -> Vec<u8> {
         "asset": { "version": "2.0" },
         "extensionsUsed": extension.as_object().unwrap().keys().collect::<Vec<_>>(),
         "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "mode": 0, "extensions": extension }] }],
-        "accessors": [{ "componentType": 5126, "count": 5, "type": "VEC3" }],
+        "accessors": [{ "componentType": 5126, "count": count, "type": "VEC3" }],
         "bufferViews": [{ "buffer": 0, "byteLength": spz.len() }], "buffers": [{ "byteLength": spz.len() }],
     });
     bundle(&document, spz)

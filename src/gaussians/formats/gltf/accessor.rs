@@ -96,6 +96,11 @@ impl Store<'_> {
         accessor.ok_or_else(|| malformed(format!("accessor {index}"), format!("does not exist; {AGAIN}")))
     }
 
+    /// The number of elements that an accessor claims, perhaps without data.
+    pub(super) fn claimed(&self, index: usize) -> Result<usize, Fault> {
+        self.accessor(index).map(|accessor| accessor.count)
+    }
+
     /// The number of elements of an accessor that has data: one without any may claim as many as it likes.
     pub(super) fn count(&self, index: usize) -> Result<usize, Fault> {
         let accessor = self.accessor(index)?;

@@ -16,6 +16,7 @@ use std::path::Path;
 
 use super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert, convert_place};
 use super::fault::{Fault, malformed};
+use super::limit::fits;
 use super::{Format, Gaussians, Parsed};
 pub(super) use write::write;
 
@@ -54,8 +55,8 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
         for (k, primitive) in document.meshes[placed.mesh].primitives.iter().enumerate() {
             let record = format!("mesh {}, primitive {k}", placed.mesh);
             let Some(mut part) = splats::read(&store, primitive, &record, &mut tag)? else { continue };
-            // As many as the bytes allow: a small file may place a mesh many times.
-            if model.len() + part.len() > store.bytes {
+            // A small file may place a mesh many times.
+            if !fits(model.len() + part.len(), model.degree().max(part.degree()), store.bytes) {
                 return Err(malformed(
                     record,
                     format!("placed too often for a file of {} bytes; {AGAIN}", store.bytes),

@@ -30,7 +30,8 @@ pub(super) fn read(
     let packed = extensions.splats.as_ref().map_or(&extensions.spz, |splats| &splats.extensions.spz);
     if let Some(packed) = packed {
         let (_, bytes) = store.view(packed.buffer_view)?;
-        let parsed = spz::read_in(bytes, LEFT_UP_FRONT)?;
+        let count = primitive.attributes.get("POSITION").map(|index| store.claimed(*index)).transpose()?;
+        let parsed = spz::read_in(bytes, spz::Around { axes: LEFT_UP_FRONT, count })?;
         *tag = parsed.tag;
         let mut model = parsed.gaussians;
         convert(&mut model, RIGHT_DOWN_FRONT, LEFT_UP_FRONT);

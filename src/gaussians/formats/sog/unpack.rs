@@ -12,8 +12,10 @@ use serde_json::Value;
 
 use super::super::bytes::{from_smallest_three, logit_of_byte};
 use super::super::fault::{Fault, malformed};
+use super::super::limit::fits;
 use super::super::{Format, Gaussians, MARK, Parsed, Tag};
 use super::GREATEST;
+use crate::gaussians::MAX_SH_DEGREE;
 
 const AGAIN: &str = "fetch or export the model again";
 
@@ -119,10 +121,11 @@ fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, 
         }
         webps.push((name, load(name)?));
     }
-    // The low bytes of means are noise, 3 bytes per Gaussian in practice: a far smaller texture cannot hold this many.
-    let most = webps[0].1.len() as u64 * 64 + 4096;
-    let n = usize::try_from(claimed).ok().filter(|_| claimed <= most).ok_or_else(|| {
-        malformed("meta.json", format!("{claimed} Gaussians claimed, more than {} can hold; {AGAIN}", webps[0].0))
+    let packed = webps.iter().map(|(_, bytes)| bytes.len()).sum();
+    let degree = if meta.sh_rest.is_some() { MAX_SH_DEGREE } else { 0 };
+    let n = usize::try_from(claimed).ok().filter(|n| fits(*n, degree, packed)).ok_or_else(|| {
+        let what = format!("{claimed} Gaussians claimed, more than textures of {packed} bytes can hold; {AGAIN}");
+        malformed("meta.json", what)
     })?;
     let textures: Vec<RgbaImage> = webps
         .par_iter()

@@ -8,7 +8,7 @@ mod pack;
 mod unpack;
 
 pub(super) use pack::{pack, usual};
-pub(super) use unpack::{is_inside, parts, read, read_in};
+pub(super) use unpack::{Around, is_inside, parts, read, read_in};
 
 /// Flag of the header: the model is anti-aliased.
 const FLAG_ANTIALIASED: u8 = 1;

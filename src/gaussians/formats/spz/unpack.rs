@@ -18,6 +18,7 @@ use rayon::prelude::*;
 use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 use super::super::bytes::{field, from_smallest_three, logit_of_byte, u32_at, u64_at};
 use super::super::fault::{Fault, malformed};
+use super::super::limit::fits;
 use super::super::{Format, Gaussians, Parsed, Tag};
 use super::{COLOUR_SCALE, FLAG_ANTIALIASED, HEADER, MAGIC};
 use crate::gaussians::MAX_SH_DEGREE;
@@ -26,8 +27,6 @@ const LEGACY_HEADER: usize = 16;
 const NAMES: [&str; 6] = ["positions", "alphas", "colours", "scales", "rotations", "SH"];
 const AGAIN: &str = "fetch or export the file again";
 
-/// Greatest plausible ratio of decompression, also the official reader's: a false header must not cost memory.
-const MAX_RATIO: u64 = 1024;
 /// Bytes beyond the attributes that are looked at for extensions and for gzip's checksum.
 const MAX_TAIL: u64 = 1 << 20;
 const FLAG_EXTENSIONS: u8 = 2;
@@ -49,12 +48,23 @@ struct Header {
     antialiased: bool,
     extended: bool,
     streams: usize,
-    /// The axes, unless an extension names others.
-    usual: u32,
+    around: Around,
 }
 
+/// What the file around an SPZ says of it.
+#[derive(Clone, Copy)]
+pub(in super::super) struct Around {
+    /// The axes, unless an extension of SPZ names others.
+    pub axes: u32,
+    /// The number of Gaussians.
+    pub count: Option<usize>,
+}
+
+/// An SPZ that is a file.
+const ALONE: Around = Around { axes: RIGHT_UP_BACK, count: None };
+
 impl Header {
-    fn parse(bytes: &[u8], usual: u32) -> Result<Self, Fault> {
+    fn parse(bytes: &[u8], around: Around) -> Result<Self, Fault> {
         let (Some(MAGIC), Some(version), Some(n), Some([degree, fractional_bits, flags, streams])) =
             (u32_at(bytes, 0), u32_at(bytes, 4), u32_at(bytes, 8), field(bytes, 12))
         else {
@@ -84,7 +94,7 @@ impl Header {
             antialiased: flags & FLAG_ANTIALIASED != 0,
             extended: flags & FLAG_EXTENSIONS != 0,
             streams: usize::from(streams),
-            usual,
+            around,
         })
     }
 
@@ -94,11 +104,14 @@ impl Header {
         [if self.version == 1 { 6 } else { 9 }, 1, 3, 3, if self.version < 3 { 3 } else { 4 }, sh]
     }
 
-    /// Bytes of all attributes; fails if a file of `available` bytes cannot hold that many Gaussians.
+    /// Bytes of all attributes; fails if a file of `available` bytes cannot hold that many Gaussians, or should hold others.
     fn body(&self, available: usize) -> Result<usize, Fault> {
-        let most = available as u64 * MAX_RATIO / self.widths()[0] as u64;
+        if let Some(count) = self.around.count.filter(|count| *count != self.n) {
+            let what = format!("{} Gaussians claimed, {count} by the file around it; {AGAIN}", self.n);
+            return Err(malformed("header of the SPZ inside, byte 8", what));
+        }
         let body = self.n.checked_mul(self.widths().iter().sum());
-        body.filter(|_| self.n as u64 <= most).ok_or_else(|| {
+        body.filter(|_| fits(self.n, self.degree, available)).ok_or_else(|| {
             malformed(
                 "header, byte 8",
                 format!("{} Gaussians claimed, more than a file of {available} bytes can hold; {AGAIN}", self.n),
@@ -109,15 +122,15 @@ impl Header {
 
 /// Reads a whole SPZ file of any version.
 pub(in super::super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
-    read_in(bytes, RIGHT_UP_BACK)
+    read_in(bytes, ALONE)
 }
 
-/// As [`read`], but in the axes `usual` unless the file names its own.
-pub(in super::super) fn read_in(bytes: &[u8], usual: u32) -> Result<Parsed, Fault> {
+/// As [`read`], inside another file.
+pub(in super::super) fn read_in(bytes: &[u8], around: Around) -> Result<Parsed, Fault> {
     if bytes.starts_with(&[0x1f, 0x8b]) {
-        return read_gzip(bytes, usual);
+        return read_gzip(bytes, around);
     }
-    let header = Header::parse(bytes, usual)?;
+    let header = Header::parse(bytes, around)?;
     if header.version < 4 {
         header.body(bytes.len())?;
         return read_legacy(&header, bytes, "");
@@ -125,7 +138,7 @@ pub(in super::super) fn read_in(bytes: &[u8], usual: u32) -> Result<Parsed, Faul
     read_streams(&header, bytes)
 }
 
-fn read_gzip(bytes: &[u8], usual: u32) -> Result<Parsed, Fault> {
+fn read_gzip(bytes: &[u8], around: Around) -> Result<Parsed, Fault> {
     let mut decoder = GzDecoder::new(bytes);
     let mut plain = Vec::new();
     let damaged = |count: usize, error: &std::io::Error| {
@@ -137,7 +150,7 @@ fn read_gzip(bytes: &[u8], usual: u32) -> Result<Parsed, Fault> {
     if let Err(error) = decoder.by_ref().take(LEGACY_HEADER as u64).read_to_end(&mut plain) {
         return Err(damaged(plain.len(), &error));
     }
-    let header = Header::parse(&plain, usual)?;
+    let header = Header::parse(&plain, around)?;
     let body = header.body(bytes.len())? as u64;
     // Reading past the attributes to the end makes the decoder verify the checksum.
     match decoder.take(body + MAX_TAIL).read_to_end(&mut plain) {
@@ -167,7 +180,7 @@ fn read_legacy(header: &Header, plain: &[u8], hint: &str) -> Result<Parsed, Faul
         })?;
     }
     let (system, trailing) =
-        if header.extended { (stored_system(rest, header.usual)?, 0) } else { (header.usual, rest.len()) };
+        if header.extended { (stored_system(rest, header.around.axes)?, 0) } else { (header.around.axes, rest.len()) };
     Ok(decode(header, &streams, system, trailing as u64))
 }
 
@@ -176,7 +189,7 @@ fn read_streams(header: &Header, bytes: &[u8]) -> Result<Parsed, Fault> {
     header.body(bytes.len())?;
     let table = u32_at(bytes, 16).ok_or_else(|| cut("header".into()))? as usize;
     let extensions = bytes.get(HEADER..table).ok_or_else(|| cut(format!("table of streams at byte {table}")))?;
-    let system = if header.extended { stored_system(extensions, header.usual)? } else { header.usual };
+    let system = if header.extended { stored_system(extensions, header.around.axes)? } else { header.around.axes };
 
     let sizes = header.widths().map(|width| width * header.n);
     let needed: Vec<usize> = (0..6).filter(|&i| sizes[i] > 0).collect();
@@ -311,7 +324,7 @@ fn smallest_three(bytes: [u8; 4]) -> [f32; 4] {
 
 /// Bytes of each attribute's stream in a file of version 4; nothing of others.
 pub(in super::super) fn parts(bytes: &[u8]) -> Vec<(&'static str, u64)> {
-    let Ok(Header { version: 4, streams, .. }) = Header::parse(bytes, RIGHT_UP_BACK) else { return Vec::new() };
+    let Ok(Header { version: 4, streams, .. }) = Header::parse(bytes, ALONE) else { return Vec::new() };
     let table = u32_at(bytes, 16).unwrap_or_default() as usize;
     NAMES
         .iter()
