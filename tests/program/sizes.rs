@@ -63,6 +63,12 @@ fn pages_have_the_size_that_was_asked_for_and_copies_say_what_they_cost() {
     assert_eq!(convert("a.html", &["--size", "9kB"]).0, Some(2), "script and style alone take more");
     let (code, said, bytes) = convert("lod/lod-meta.json", &["--lod", "3"]);
     assert!(code == Some(0) && bytes > 0 && said.contains("level 2: 67 Gaussians"), "{said}");
+    // The folder and its description are one model to every command.
+    for place in ["lod", "lod/lod-meta.json"] {
+        let seen = end(qirf(["inspect", "--json"]).arg(folder.path().join(place))).with(0, &[]).json();
+        assert_eq!((&seen["kind"], &seen["format"], &seen["gaussians"]), (&"model".into(), &"SOG".into(), &600.into()));
+        assert!(seen["bytes"].as_u64().unwrap() > bytes, "the textures lie in folders of levels: {seen}");
+    }
 }
 
 #[test]

@@ -9,6 +9,7 @@ mod refusals;
 mod session;
 mod speed;
 
+use super::compress::ball;
 use super::ended::{qirf, works};
 use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::synth::{SynthOptions, write};
@@ -141,6 +142,17 @@ fn a_capture_alone_shows_its_points_and_a_run_its_scores() {
     let cameras = description["cameras"].as_array().unwrap();
     let scored: Vec<_> = cameras.iter().filter(|c| c["psnr"].is_number()).collect();
     assert_eq!((cameras.len(), scored.len(), scored[0]["held_out"].as_bool()), (5, 1, Some(true)));
+}
+
+#[test]
+fn levels_of_detail_are_a_model_and_no_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let meta = folder.path().join("lod-meta.json");
+    formats::write_levels(&meta, &[ball()], (RenderMode::Plain, [0.0; 3])).unwrap();
+    for place in [folder.path(), &meta] {
+        let description = Viewer::start(&["view", &place.display().to_string()]).json("/scene.json");
+        assert_eq!(description["models"][0]["gaussians"], ball().len());
+    }
 }
 
 #[test]

@@ -82,13 +82,10 @@ impl Arguments {
     }
 }
 
-/// Returns true for folders and JSON files, except for SOG's `meta.json` and the folder that contains it.
+/// Returns true for folders and JSON files, except for those of a SOG model.
 pub(super) fn is_scene(path: &Path) -> bool {
-    if path.is_dir() {
-        return !path.join("meta.json").is_file();
-    }
     let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-    json && path.file_name().is_some_and(|n| n != "meta.json")
+    (json || path.is_dir()) && formats::sog_meta(path).is_none()
 }
 
 /// Returns true for the folder of a run.

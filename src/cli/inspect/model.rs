@@ -1,10 +1,11 @@
 //! Contents of a model: counts, bounds, and the distributions of opacity and size.
 
-use crate::gaussians::formats::Loaded;
+use crate::gaussians::formats::{self, Loaded};
 use crate::gaussians::{Gaussians, opacity};
 use crate::job::Error;
 use crate::pipeline::effects;
 use serde_json::{Map, Value, json};
+use std::io;
 use std::path::Path;
 
 /// Shares at which quantiles are reported.
@@ -48,18 +49,28 @@ pub(super) fn describe(path: &Path, loaded: &Loaded) -> Result<Value, Error> {
     }))
 }
 
-/// Bytes on disk; for a folder, those of its files.
+/// Bytes on disk; for a SOG model in a folder, those of its files, of all levels of detail.
 fn bytes(path: &Path) -> Result<u64, Error> {
     let read = |source| Error::Read { path: path.to_owned(), source };
-    let folder = if path.is_dir() {
-        path
-    } else if path.file_name().is_some_and(|n| n == "meta.json") {
-        path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
-    } else {
+    let Some(meta) = formats::sog_meta(path) else {
         return Ok(std::fs::metadata(path).map_err(read)?.len());
     };
-    let files = std::fs::read_dir(folder).map_err(read)?.flatten().filter_map(|e| e.metadata().ok());
-    Ok(files.filter(std::fs::Metadata::is_file).map(|m| m.len()).sum())
+    let folder = meta.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    files(folder, formats::is_levels(&meta)).map_err(read)
+}
+
+/// Bytes of the files in a folder, and of those in its folders.
+fn files(folder: &Path, and_below: bool) -> io::Result<u64> {
+    let mut sum = 0;
+    for entry in std::fs::read_dir(folder)? {
+        let (path, data) = entry.and_then(|entry| Ok((entry.path(), entry.metadata()?)))?;
+        sum += match (data.is_file(), data.is_dir() && and_below) {
+            (true, _) => data.len(),
+            (_, true) => files(&path, false)?,
+            _ => 0,
+        };
+    }
+    Ok(sum)
 }
 
 /// Bytes of the parameters as float32.

@@ -27,7 +27,7 @@ mod weight;
 
 use std::fs;
 use std::io::{self, Read, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use flate2::bufread::GzDecoder;
 use serde::Serialize;
@@ -67,6 +67,8 @@ named! {
     }
 }
 
+/// Name of the file that describes the textures of a SOG model.
+const META: &str = "meta.json";
 /// The byte order mark of UTF-8, with which some editors begin a text.
 const MARK: &[u8] = b"\xef\xbb\xbf";
 
@@ -104,8 +106,8 @@ struct Parsed {
 pub fn read(path: &Path) -> Result<Loaded, Error> {
     let mut loaded = read_alone(path)?;
     if loaded.origin == [0.0; 3] {
-        let levels = path.join(sog::LEVELS);
-        loaded.origin = georeference::origin(if levels.is_file() { &levels } else { path })?;
+        let levels = sog_meta(path).filter(|meta| is_levels(meta));
+        loaded.origin = georeference::origin(levels.as_deref().unwrap_or(path))?;
     }
     Ok(loaded)
 }
@@ -114,12 +116,11 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
 fn read_alone(path: &Path) -> Result<Loaded, Error> {
     let io = |source| Error::Io { path: path.to_owned(), source };
     let data = fs::metadata(path).map_err(io)?;
-    let is_folder = data.is_dir();
-    if is_folder && path.join(sog::LEVELS).is_file() || path.file_name().is_some_and(|name| name == sog::LEVELS) {
-        let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
-        return sog::read_levels(folder).map(finish).map_err(|fault| fault.at(path));
+    if let Some(meta) = sog_meta(path) {
+        let read = if is_levels(&meta) { sog::read_levels } else { sog::read_folder };
+        return read(meta.parent().unwrap_or(Path::new(""))).map(finish).map_err(|fault| fault.at(path));
     }
-    if is_folder && !path.join("meta.json").is_file() {
+    if data.is_dir() {
         return Err(Error::Unsupported {
             path: path.to_owned(),
             what: "a folder without the meta.json of a SOG model".into(),
@@ -136,6 +137,14 @@ fn read_alone(path: &Path) -> Result<Loaded, Error> {
     }
     let bytes = fs::read(path).map_err(io)?;
     read_with(&bytes, path, Some(path.parent().unwrap_or(Path::new(""))))
+}
+
+/// The `lod-meta.json` or `meta.json` that describes the SOG files beside it, if `path` is one or a folder that holds one.
+pub fn sog_meta(path: &Path) -> Option<PathBuf> {
+    if path.is_dir() {
+        return [sog::LEVELS, META].map(|name| path.join(name)).into_iter().find(|meta| meta.is_file());
+    }
+    path.file_name().filter(|name| *name == sog::LEVELS || *name == META).map(|_| path.to_owned())
 }
 
 /// Reads a model from a whole file's bytes; `name` appears in messages and gives the format if the content does not.
