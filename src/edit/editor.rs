@@ -1,8 +1,9 @@
 //! A model under edit, with a record of each edit.
 
-use super::{Edit, Error};
+use super::{Edit, Error, Reason};
 use crate::gaussians::Gaussians;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// The record of one edit.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -17,24 +18,24 @@ pub struct Step {
     pub removed: usize,
     /// The reason of the removal; `None` for edits that cannot remove.
     pub why: Option<String>,
-    /// The removed Gaussians, as first and last index of each range in the concatenated input models; `None` unless the editor
-    /// is `numbered`.
+    /// The removed Gaussians, as first and last number of each range; `None` unless the editor has numbers.
     pub ranges: Option<Vec<[u32; 2]>>,
+    /// The ranges of the floaters by rule; `None` for other edits.
+    pub rules: Option<BTreeMap<Reason, Vec<[u32; 2]>>>,
 }
 
 /// A model under edit.
 #[derive(Clone, Debug)]
 pub struct Editor {
     model: Gaussians,
-    /// The initial index of each Gaussian.
+    /// The number of each Gaussian in the input.
     numbers: Option<Vec<u32>>,
     steps: Vec<Step>,
 }
 
 impl Editor {
-    /// Starts with a model; `numbered` if steps are to list the removed Gaussians.
-    pub fn new(model: Gaussians, numbered: bool) -> Self {
-        let numbers = numbered.then(|| (0..model.len() as u32).collect());
+    /// Starts with a model. With a number for each Gaussian, n, steps list the removed ones by them.
+    pub fn new(model: Gaussians, numbers: Option<Vec<u32>>) -> Self {
         Self { model, numbers, steps: Vec::new() }
     }
 
@@ -63,41 +64,58 @@ impl Editor {
             *numbers = order.iter().map(|i| numbers[*i as usize]).collect();
         }
         let ranges = kept.as_ref().and_then(|kept| self.renumber(kept));
-        Ok(self.account(name, kept.is_some().then(|| why.to_owned()), before, ranges))
+        Ok(self.account(name, kept.is_some().then(|| why.to_owned()), before, (ranges, None)))
     }
 
-    /// Keeps the Gaussians whose flag is true (n flags), for the reason `why`.
+    /// Removes floaters: the Gaussians with a reason (n, or none), which `why` sums up.
     ///
-    /// # Panics If the number of flags is not that of the Gaussians.
-    pub fn keep(&mut self, kept: &[bool], name: &str, why: &str) -> &Step {
+    /// # Panics
+    /// If there is not one entry for each Gaussian.
+    pub fn remove(&mut self, found: &[Option<Reason>], name: &str, why: &str) -> &Step {
         let before = self.model.len();
-        self.model.compact(kept);
-        let ranges = self.renumber(kept);
-        self.account(name, Some(why.to_owned()), before, ranges)
+        let kept: Vec<bool> = found.iter().map(Option::is_none).collect();
+        self.model.compact(&kept);
+        let rules = self.numbers.as_ref().map(|numbers| {
+            let mut rules: BTreeMap<Reason, Vec<u32>> = BTreeMap::new();
+            for (number, reason) in numbers.iter().zip(found) {
+                reason.iter().for_each(|reason| rules.entry(*reason).or_default().push(*number));
+            }
+            rules.into_iter().map(|(reason, numbers)| (reason, ranges(numbers))).collect()
+        });
+        let ranges = self.renumber(&kept);
+        self.account(name, Some(why.to_owned()), before, (ranges, rules))
     }
 
-    /// Drops the indices of removed Gaussians and returns them as ranges.
+    /// Drops the numbers of removed Gaussians and returns them as ranges.
     fn renumber(&mut self, kept: &[bool]) -> Option<Vec<[u32; 2]>> {
         let numbers = self.numbers.as_mut()?;
-        let mut gone: Vec<u32> = numbers.iter().zip(kept).filter(|(_, kept)| !**kept).map(|(n, _)| *n).collect();
-        gone.sort_unstable();
+        let gone = numbers.iter().zip(kept).filter(|(_, kept)| !**kept).map(|(n, _)| *n).collect();
         let mut flags = kept.iter();
         numbers.retain(|_| flags.next().copied().unwrap_or(false));
-        let mut runs: Vec<[u32; 2]> = Vec::new();
-        for number in gone {
-            match runs.last_mut() {
-                Some(run) if run[1] + 1 == number => run[1] = number,
-                _ => runs.push([number, number]),
-            }
-        }
-        Some(runs)
+        Some(ranges(gone))
     }
 
-    fn account(&mut self, edit: &str, why: Option<String>, before: usize, ranges: Option<Vec<[u32; 2]>>) -> &Step {
+    fn account(&mut self, edit: &str, why: Option<String>, before: usize, (ranges, rules): Listed) -> &Step {
         let after = self.model.len();
-        self.steps.push(Step { edit: edit.to_owned(), before, after, removed: before - after, why, ranges });
+        self.steps.push(Step { edit: edit.to_owned(), before, after, removed: before - after, why, ranges, rules });
         &self.steps[self.steps.len() - 1]
     }
+}
+
+/// The removed Gaussians of a step: of all, and by rule.
+type Listed = (Option<Vec<[u32; 2]>>, Option<BTreeMap<Reason, Vec<[u32; 2]>>>);
+
+/// Numbers in any order as first and last of each range.
+fn ranges(mut numbers: Vec<u32>) -> Vec<[u32; 2]> {
+    numbers.sort_unstable();
+    let mut runs: Vec<[u32; 2]> = Vec::new();
+    for number in numbers {
+        match runs.last_mut() {
+            Some(run) if run[1] + 1 == number => run[1] = number,
+            _ => runs.push([number, number]),
+        }
+    }
+    runs
 }
 
 #[cfg(test)]
@@ -112,15 +130,18 @@ mod tests {
         for i in 0..10 {
             model.means[i] = [9.0 - i as f32, 0.0, 0.0];
         }
-        let mut editor = Editor::new(model, true);
+        let mut editor = Editor::new(model, Some((0..10).collect()));
         let ball = |radius: f64| Edit::Crop { region: Region::Sphere { centre: DVec3::ZERO, radius }, outside: false };
         assert_eq!(editor.apply(&Edit::MortonOrder, "order", "").unwrap().ranges, None);
         let step = editor.apply(&ball(7.5), "ball", "outside the ball").unwrap();
         assert_eq!((step.removed, step.ranges.as_deref()), (2, Some(&[[0, 1]][..])));
         // From 0 on: numbers 9, 8, 7 and so on.
-        let kept = [true, false, true, true, true, false, true, true];
-        let step = editor.keep(&kept, "hand", "by hand").clone();
-        assert_eq!((step.before, step.after, step.ranges), (8, 6, Some(vec![[4, 4], [8, 8]])));
+        let mut found = [None; 8];
+        (found[1], found[5], found[6]) = (Some(Reason::Alone), Some(Reason::NearOne), Some(Reason::Alone));
+        let step = editor.remove(&found, "floaters", "three").clone();
+        assert_eq!((step.before, step.after, step.ranges), (8, 5, Some(vec![[3, 4], [8, 8]])));
+        let rules = [(Reason::NearOne, vec![[4, 4]]), (Reason::Alone, vec![[3, 3], [8, 8]])];
+        assert_eq!(step.rules, Some(rules.into()));
         assert_eq!(editor.finish().1.len(), 3);
     }
 }

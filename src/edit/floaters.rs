@@ -7,6 +7,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
+use serde::Serialize;
 
 /// Minimum weight in a pixel, T alpha, for a photo to see a Gaussian: a step of eight bits.
 const STEP: f32 = 1.0 / 255.0;
@@ -69,9 +70,11 @@ impl Sight {
 }
 
 /// The rule by which a Gaussian is a floater.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Reason {
     /// The photos that see it disagree with it.
+    #[serde(rename = "disagree")]
     Disagrees,
     /// It is close to a single camera.
     NearOne,

@@ -26,6 +26,18 @@ pub fn merge(models: Vec<(PathBuf, Loaded)>, asked: Option<RenderMode>) -> Resul
     Ok(whole.map_or_else(Default::default, |(all, _, mode)| (all, mode)))
 }
 
+/// The number in the files, one after the other, of each Gaussian of several models, without those that were removed on reading.
+pub fn numbers(models: &[(PathBuf, Loaded)]) -> Vec<u32> {
+    let mut numbers = Vec::new();
+    let mut first = 0;
+    for (_, Loaded { gaussians, removed, .. }) in models {
+        let rows = gaussians.len() + removed.len();
+        numbers.extend((0..rows).filter(|row| removed.binary_search(row).is_err()).map(|row| (first + row) as u32));
+        first += rows;
+    }
+    numbers
+}
+
 /// The local origin for models with these origins: the first one's, unless another one's is much nearer to all of them.
 pub fn common_origin(models: &[(&Gaussians, [f64; 3])]) -> [f64; 3] {
     let farthest = |from: [f64; 3]| {
@@ -59,9 +71,17 @@ mod tests {
     fn loaded(n: usize, degree: usize, mode: RenderMode) -> (PathBuf, Loaded) {
         let mut gaussians = Gaussians::zeroed(n, degree);
         gaussians.sh.iter_mut().flatten().for_each(|x| *x = n as f32);
-        let loaded =
-            Loaded { gaussians, format: Format::Ply, mode, doubt: None, repairs: Repairs::default(), origin: [0.0; 3] };
+        let (format, repairs) = (Format::Ply, Repairs::default());
+        let loaded = Loaded { gaussians, format, mode, doubt: None, repairs, removed: Vec::new(), origin: [0.0; 3] };
         (format!("{n}.ply").into(), loaded)
+    }
+
+    #[test]
+    fn numbers_are_those_of_the_files() {
+        let mut models = [loaded(3, 0, RenderMode::Plain), loaded(2, 0, RenderMode::Plain)];
+        models[0].1.removed = vec![1, 4];
+        models[1].1.removed = vec![0];
+        assert_eq!(numbers(&models), [0, 2, 3, 6, 7]);
     }
 
     #[test]

@@ -31,7 +31,7 @@ mod unwanted;
 pub use editor::{Editor, Step};
 pub use error::Error;
 pub use floaters::{Evidence, Reason, Sight};
-pub use merge::{common_origin, merge, rounding};
+pub use merge::{common_origin, merge, numbers, rounding};
 pub use region::Region;
 pub use similarity::{Similarity, between};
 pub use unwanted::{INVISIBLE, NEEDLE, Unwanted};

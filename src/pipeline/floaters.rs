@@ -11,6 +11,7 @@ use crate::gaussians::Gaussians;
 use crate::job::Error;
 use crate::job::config::{Pruning, Selection};
 use crate::job::session::Session;
+use crate::job::watcher::Silent;
 use crate::render::{Settings, Source, Style};
 use crate::response::{Responses, Wanted};
 use crate::scene::Photo;
@@ -126,10 +127,13 @@ pub fn by_own_pictures(
     let (cameras, settings) = cameras.views(model, [0.0; 3], style);
     let shown = DrawSource::new(session, model, place.whole)?;
     let mut evidence = Evidence::new(model.len(), false);
-    for camera in &cameras {
+    let quiet = Session { watcher: &Silent, ..*session }; // a pass over one camera is a step, and no stage
+    for (number, camera) in cameras.iter().enumerate() {
         let one = std::slice::from_ref(camera);
-        let seen = virtual_views::responses(session, shown.source(), (one, None), settings, Wanted::SCORES)?;
+        let seen = virtual_views::responses(&quiet, shown.source(), (one, None), settings, Wanted::SCORES)?;
         evidence.add(model, camera, &seen.scores);
+        session.watcher.responding(number + 1, cameras.len());
+        session.watcher.unless_stopped()?;
     }
     Ok(evidence.floaters(model))
 }

@@ -77,10 +77,10 @@ fn a_turned_model_shows_turned_colours() {
 fn what_goes_is_counted_with_its_reason() {
     let sandbox = Sandbox::new();
     let mut strange = model(20);
+    strange.means[2][1] = f32::NAN;
     strange.opacity_logits[3] = -9.0;
     strange.log_scales[4] = [3.0, -4.0, -4.0];
     strange.log_scales[5] = [f32::NEG_INFINITY, -1.0, -1.0]; // a scale of 0
-    strange.means[6][1] = f32::NAN;
     write(&sandbox, "strange.ply", &strange, RenderMode::Plain);
     let line =
         ["edit", "strange.ply", "-o", "out.ply", "--remove", "invisible", "--remove", "needles", "--max-size", "1e3"];
@@ -94,6 +94,10 @@ fn what_goes_is_counted_with_its_reason() {
     assert_eq!(removed(1), (Some(1), "[[4,4]]".to_owned()));
     assert_eq!(removed(2), (Some(0), "[]".to_owned()));
     assert_eq!(document["output"]["gaussians"], 17);
+    // Those of a second model follow, with every row of its file.
+    let both =
+        sandbox.works(&["edit", "strange.ply", "strange.ply", "--count-only", "--json", "--remove", "invisible"]);
+    assert_eq!(both.json()["steps"][0]["ranges"].to_string(), "[[3,3],[23,23]]");
     assert_eq!((read(&sandbox, "out.ply").degree(), document["output"]["sh_degree"].as_u64()), (0, Some(0)));
 }
 
@@ -252,11 +256,17 @@ fn floaters_go_by_what_photos_show() {
     let document = clean("dirty.ply", &scene);
     documented("edit", &document);
     assert_eq!(document["steps"][0]["ranges"].to_string(), "[[400,403]]", "{document:#}");
+    let by_rule = document["steps"][0]["rules"].as_object().unwrap().values();
+    let listed =
+        by_rule.flat_map(|ranges| ranges.as_array().unwrap()).map(|r| r[1].as_u64().unwrap() - r[0].as_u64().unwrap());
+    assert_eq!(listed.map(|more| more + 1).sum::<u64>(), 4, "{document:#}");
     assert_eq!(read(&sandbox, "clean.ply").len(), 400);
     // Pictures of the model agree with it: they tell what is alone.
     let alone = clean("dirty.ply", &[]);
     let removed = alone["steps"][0]["removed"].as_u64().unwrap();
     assert!((1..=4).contains(&removed), "{alone:#}");
+    let said = sandbox.works(&["edit", "dirty.ply", "--count-only", "--remove", "floaters"]).out;
+    assert!(said.contains("near one camera only") && !said.contains("photo"), "{said}");
     sandbox.fails(3, &["edit", "ball.ply", "-o", "o.ply", "--remove", "floaters", "--scene", "absent"], &["absent"]);
 }
 

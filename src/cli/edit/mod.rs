@@ -7,8 +7,8 @@ use super::console::Console;
 use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style::Rendering;
-use super::{Global, check_file, values};
-use crate::edit::{Editor, Step, common_origin, merge, rounding};
+use super::{Global, check_file, check_model, values};
+use crate::edit::{Editor, Step, common_origin, merge, numbers, rounding};
 use crate::effects::Overrides;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, RenderMode};
@@ -88,8 +88,9 @@ impl Arguments {
                 "coordinates, including those of operations, are relative to the local origin {x},{y},{z}"
             ));
         }
+        let numbers = self.json.then(|| numbers(&models));
         let (model, mode) = merge(models, self.rendering.mode())?;
-        let mut editor = Editor::new(model, self.json);
+        let mut editor = Editor::new(model, numbers);
         if self.inputs.len() > 1 && !self.json {
             console.print(format_args!("{}: {}", counted(self.inputs.len(), "model"), left(editor.model())))?;
         }
@@ -192,8 +193,9 @@ impl Arguments {
             }
             None => floaters::by_own_pictures(&session, model, &VirtualCameras::default(), style)?,
         };
-        let kept: Vec<bool> = found.iter().map(Option::is_none).collect();
-        Ok(editor.keep(&kept, &asked.name, &FloaterCounts::of(&found).to_string()))
+        let counts = FloaterCounts::of(&found);
+        let why = if self.scene.is_some() { counts.to_string() } else { counts.without_photos() };
+        Ok(editor.remove(&found, &asked.name, &why))
     }
 }
 

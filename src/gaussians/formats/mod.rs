@@ -85,6 +85,8 @@ pub struct Loaded {
     pub doubt: Option<String>,
     /// The repairs made.
     pub repairs: Repairs,
+    /// Numbers of the Gaussians in the file that the repairs removed, ascending.
+    pub removed: Vec<usize>,
     /// Local origin of the means in the world: non-zero if the file or a georeference.json beside it says so, or if the file has
     /// doubles or a transform far from zero.
     pub origin: [f64; 3],
@@ -125,10 +127,6 @@ fn read_alone(path: &Path) -> Result<Loaded, Error> {
             path: path.to_owned(),
             what: "a folder without the meta.json of a SOG model".into(),
         });
-    }
-    if is_folder || path.file_name().is_some_and(|name| name == "meta.json") {
-        let folder = if is_folder { path } else { path.parent().unwrap_or(Path::new("")) };
-        return sog::read_folder(folder).map(finish).map_err(|fault| fault.at(path));
     }
     if data.is_file()
         && let Some(parsed) = ply::read_file(path, data.len()).map_err(io)?
@@ -210,9 +208,9 @@ fn unzipped(bytes: &[u8], name: &Path) -> Result<Vec<u8>, Error> {
 /// Applies the repairs that all formats share.
 fn finish(parsed: Parsed) -> Loaded {
     let Parsed { mut gaussians, format, tag, trailing_bytes } = parsed;
-    let mut repairs = repairs::repair(&mut gaussians);
+    let (mut repairs, removed) = repairs::repair(&mut gaussians);
     repairs.trailing_bytes = trailing_bytes;
-    Loaded { gaussians, format, mode: tag.mode, doubt: tag.doubt, repairs, origin: tag.origin }
+    Loaded { gaussians, format, mode: tag.mode, doubt: tag.doubt, repairs, removed, origin: tag.origin }
 }
 
 /// The extension of a name, in small letters.

@@ -61,8 +61,9 @@ impl fmt::Display for Repairs {
     }
 }
 
-/// Clamps what can be clamped, removes the other rows that are not finite, and counts both.
-pub(super) fn repair(model: &mut Gaussians) -> Repairs {
+/// Clamps what can be clamped, removes the other rows that are not finite, and counts both. Also returns the numbers of the removed
+/// rows, ascending.
+pub(super) fn repair(model: &mut Gaussians) -> (Repairs, Vec<usize>) {
     let mut repairs = Repairs::default();
     for scales in &mut model.log_scales {
         if scales.contains(&f32::NEG_INFINITY) {
@@ -92,12 +93,13 @@ pub(super) fn repair(model: &mut Gaussians) -> Repairs {
             *bad = true;
         }
     }
+    let removed = (0..bad.len()).filter(|i| bad[*i]).collect();
     model.retain(|&i| !bad[i]);
     for logit in model.opacity_logits.iter_mut().filter(|logit| logit.is_infinite()) {
         repairs.clamped_opacities += 1;
         *logit = OPACITY_LOGIT_LIMIT.copysign(*logit);
     }
-    repairs
+    (repairs, removed)
 }
 
 #[cfg(test)]
@@ -121,7 +123,8 @@ mod tests {
         m.opacity_logits[5] = f32::INFINITY;
         m.opacity_logits[6] = f32::NEG_INFINITY;
         m.log_scales[7] = [f32::NEG_INFINITY, 1.0, f32::NEG_INFINITY];
-        let repairs = repair(&mut m);
+        let (repairs, removed) = repair(&mut m);
+        assert_eq!(removed, [0, 1, 2, 3, 4]);
         let expected = Repairs {
             non_finite_rows: 4,
             zero_quaternions: 1,
@@ -141,8 +144,8 @@ mod tests {
     fn a_clean_model_is_left_alone_and_says_nothing() {
         let mut m = model(3);
         let before = m.clone();
-        let repairs = repair(&mut m);
-        assert!(!repairs.any() && repairs.to_string().is_empty());
+        let (repairs, removed) = repair(&mut m);
+        assert!(removed.is_empty() && !repairs.any() && repairs.to_string().is_empty());
         assert_eq!(m, before);
     }
 }

@@ -21,9 +21,15 @@ impl FloaterCounts {
         let count = |reason: Reason| found.iter().filter(|f| **f == Some(reason)).count();
         Self { disagree: count(Reason::Disagrees), near_one: count(Reason::NearOne), alone: count(Reason::Alone) }
     }
+
+    /// The counts in words, without photos.
+    pub fn without_photos(&self) -> String {
+        format!("{} show near one camera only, {} are alone", self.near_one, self.alone)
+    }
 }
 
 impl fmt::Display for FloaterCounts {
+    /// The counts in words, of floaters found by photos.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { disagree, near_one, alone } = self;
         write!(
