@@ -30,6 +30,9 @@ const FRAMES: u32 = 240;
 /// Frames per second of a film, unless told otherwise.
 const FPS: f64 = 30.0;
 
+/// Extensions of films and pictures, which no folder should have.
+const FILES: [&str; 11] = ["avi", "gif", "jpeg", "jpg", "m4v", "mkv", "mov", "npy", "png", "webm", "webp"];
+
 const EXAMPLES: &str = "Examples:
   qirf-vk render flowers.ply --orbit 8 -o pictures
   qirf-vk render model.spz --orbit 36 --size 1920x1080 --up z --background white -o pictures
@@ -69,20 +72,20 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "X,Y,Z", help_heading = "Cameras", requires = "panorama", value_parser = values::point, allow_hyphen_values = true)]
     at: Option<DVec3>,
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
-    #[arg(long, value_name = "W|/K", help_heading = "Cameras", value_parser = values::resolution, conflicts_with = "orbit")]
+    #[arg(long, value_name = "W|/K", help_heading = "Cameras", value_parser = values::resolution, requires = "scene", conflicts_with = "panorama")]
     resolution: Option<Resize>,
     /// Photo folder, such as images_4, whose photos give the size [default: the scene's own]
-    #[arg(long, value_name = "DIR", help_heading = "Cameras", conflicts_with = "orbit")]
+    #[arg(long, value_name = "DIR", help_heading = "Cameras", requires = "scene")]
     images: Option<PathBuf>,
-    /// Picture size of an orbit, a path or a panorama [default: that of a camera path of nerfstudio, else 1280x720; 2048x1024 for a
-    /// panorama]
+    /// Picture size of an orbit, a path or a panorama, which is twice as wide as high [default: that of a camera path of nerfstudio,
+    /// else 1280x720; 2048x1024 for a panorama]
     #[arg(long, value_name = "WxH", help_heading = "Cameras", value_parser = values::size)]
     size: Option<(u32, u32)>,
     /// Vertical field of view of an orbit or a path, in degrees [default: 40]
-    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::degrees, conflicts_with = "scene")]
+    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::degrees, conflicts_with_all = ["scene", "panorama"])]
     fov: Option<f64>,
     /// Height of an orbit above the horizon, in degrees [default: 15]
-    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with = "scene", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with_all = ["scene", "panorama"], allow_negative_numbers = true)]
     elevation: Option<f64>,
     /// Up axis of an orbit: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, allow_hyphen_values = true)]
@@ -197,6 +200,12 @@ impl Arguments {
         if self.scene.is_some() && !self.panorama && (self.size.is_some() || self.up.is_some()) {
             return refuse("--size and --up do not apply to a scene's cameras; use --resolution");
         }
+        if self.elevation.is_some() && self.path.as_deref().is_some_and(|path| path != "orbit") {
+            return refuse("--elevation applies to orbits; the file of a path has its cameras' positions");
+        }
+        if self.panorama && self.size.is_some_and(|(width, height)| width != 2 * height) {
+            return refuse("--size: a panorama is twice as wide as high, such as 4096x2048");
+        }
         if self.depth && (self.is_film() || self.panorama) {
             return refuse("--depth works with pictures, not with films or panoramas");
         }
@@ -216,6 +225,12 @@ impl Arguments {
                 Ok(())
             };
         }
+        if FILES.iter().any(|known| self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case(known))) {
+            let output = self.output.display();
+            return refuse(&format!(
+                "-o {output}: films are .mp4 files, and pictures go to a folder; name one of these"
+            ));
+        }
         check_folder(&self.output)?;
         if self.transparent && self.format == Format::Npy {
             return refuse("--transparent applies only to PNG; npy files always contain alpha");
@@ -233,9 +248,12 @@ impl Arguments {
             return Ok(self.format);
         }
         match self.output.extension().and_then(|e| e.to_str()) {
-            Some("png") => Ok(Format::Png),
+            Some("png") if self.format == Format::Png => Ok(Format::Png),
             Some("npy") if !self.transparent => Ok(Format::Npy),
-            _ => Err(Error::Usage(format!("-o {}: a panorama is written as .png or .npy", self.output.display()))),
+            _ => Err(Error::Usage(format!(
+                "-o {}: a panorama is written as .png or .npy (which knows no --transparent), as --format says",
+                self.output.display()
+            ))),
         }
     }
 

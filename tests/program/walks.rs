@@ -76,6 +76,19 @@ fn walks_that_make_no_sense_are_refused() {
     fails(2, &["--panorama", "--at", "1,2", "-o", "around.png"], &["x,y,z"]);
     fails(2, &["--panorama", "--size", "20000x9", "-o", "around.png"], &["16384"]);
     fails(2, &["--frames", "3", "--orbit", "3", "-o", "o"], &["--path"]);
+    // Options without effect.
+    fails(2, &["--panorama", "--size", "200x200", "-o", "around.png"], &["--size", "twice as wide as high"]);
+    fails(2, &["--panorama", "--format", "npy", "-o", "around.png"], &["around.png", "--format"]);
+    for option in [["--fov", "60"], ["--elevation", "5"], ["--resolution", "50"], ["--images", "images"]] {
+        fails(2, &[&["--panorama", "-o", "around.png"], &option[..]].concat(), &[option[0]]);
+    }
+    for option in [["--resolution", "50"], ["--images", "images"]] {
+        fails(2, &[&["--path", "orbit", "-o", "o"], &option[..]].concat(), &["--scene"]);
+    }
+    fails(2, &["--path", "bad.json", "--elevation", "5", "-o", "o"], &["--elevation"]);
+    for name in ["walk.webm", "walk.PNG"] {
+        fails(2, &["--path", "orbit", "-o", name], &[name, ".mp4", "a folder"]);
+    }
     fails(3, &["--path", "absent.json", "-o", "o"], &["absent.json"]);
     fails(3, &["--path", "bad.json", "-o", "o"], &["bad.json", "neither"]);
     assert_eq!(sandbox.content(), before, "nothing was written or changed");
