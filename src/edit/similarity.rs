@@ -106,6 +106,20 @@ impl Similarity {
         Ok(Self { rotation: orthonormal(rough), scale, translation })
     }
 
+    /// As [`Similarity::of_matrix`], of a text with the numbers, plain or as JSON.
+    ///
+    /// # Errors
+    /// [`Error::Numbers`] names a word that is no number.
+    pub fn of_text(text: &str) -> Result<Self, Error> {
+        let words = text.split(|c: char| c.is_whitespace() || "[],;".contains(c)).filter(|word| !word.is_empty());
+        let number = |word: &str| {
+            let shown: String = word.chars().take(20).flat_map(char::escape_debug).collect();
+            let what = || Error::Numbers(format!("'{shown}' is no number; write 3 or 4 rows of 4 numbers"));
+            word.parse().map_err(|_| what())
+        };
+        Self::of_matrix(&words.map(number).collect::<Result<Vec<f64>, _>>()?)
+    }
+
     /// Maps a point in world units.
     pub fn point(&self, x: DVec3) -> DVec3 {
         self.rotation * x * self.scale + self.translation
@@ -201,6 +215,9 @@ mod tests {
         for bad in [vec![1.0; 15], vec![f64::NAN; 12], [rounded.clone(), vec![0.0, 0.0, 0.0, 2.0]].concat()] {
             assert!(matches!(Similarity::of_matrix(&bad), Err(Error::Numbers(_))), "{bad:?}");
         }
+        let text = "[[0, -1, 0, 1],\n[1 0;0,2e0],[0,0,1,-3]]";
+        assert_eq!(Similarity::of_text(text).unwrap().point(DVec3::X), DVec3::new(1.0, 3.0, -3.0));
+        assert!(Similarity::of_text("1 2 three").unwrap_err().to_string().contains("'three'"));
         assert!(Similarity::scaling(0.0).is_err() && Similarity::scaling(f64::INFINITY).is_err());
         assert!(Similarity::quaternion([0.0; 4]).is_err() && Similarity::turn(DVec3::ZERO, 5.0).is_err());
     }

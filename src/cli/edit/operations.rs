@@ -236,8 +236,7 @@ pub(super) fn of_matrix(path: &Path) -> Result<Edit, Error> {
     let malformed = |what: String| {
         Error::Gaussians(gaussians::Error::Malformed { path: path.to_owned(), record: "matrix".into(), what })
     };
-    let numbers = parse::matrix(&text).map_err(malformed)?;
-    Similarity::of_matrix(&numbers).map(Edit::Transform).map_err(|e| malformed(e.to_string()))
+    Similarity::of_text(&text).map(Edit::Transform).map_err(|e| malformed(e.to_string()))
 }
 
 #[cfg(test)]

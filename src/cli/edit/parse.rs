@@ -65,17 +65,6 @@ pub(super) fn unwanted(text: &str) -> Result<Unwanted, String> {
     }
 }
 
-/// The numbers of a matrix, plain or as JSON.
-pub(super) fn matrix(text: &str) -> Result<Vec<f64>, String> {
-    let words = text.split(|c: char| c.is_whitespace() || "[],;".contains(c)).filter(|word| !word.is_empty());
-    words
-        .map(|word| {
-            let shown: String = word.chars().take(20).flat_map(char::escape_debug).collect();
-            word.parse::<f64>().map_err(|_| format!("'{shown}' is no number; write 3 or 4 rows of 4 numbers"))
-        })
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,7 +79,6 @@ mod tests {
         assert_eq!(up("z").unwrap().point(DVec3::NEG_Y), DVec3::Z);
         assert_eq!(up("y:-z").unwrap().point(DVec3::Y), DVec3::NEG_Z);
         assert_eq!(unwanted("needles:30"), Ok(Unwanted::Needles(30.0)));
-        assert_eq!(matrix("[[1, 0],\n[2.5e1;-3]]"), Ok(vec![1.0, 0.0, 25.0, -3.0]));
         for bad in ["", "1,2,3", "1,1,1,0,0,0", "0,0,0,1,1,nan", "0,0,0,1,1,inf"] {
             assert!(cube(bad).is_err(), "{bad}");
         }
@@ -106,6 +94,5 @@ mod tests {
         assert!(
             up("w").is_err() && up("x:y:z").is_err() && unwanted("needles:0.5").is_err() && unwanted("dirt").is_err()
         );
-        assert!(matrix("1 2 three").unwrap_err().contains("'three'"));
     }
 }

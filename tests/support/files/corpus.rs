@@ -28,6 +28,10 @@ pub enum Reader {
     ScenePng,
     /// A depth map.
     Depth,
+    /// The cameras of a path.
+    Path,
+    /// The matrix of an edit.
+    Matrix,
     Config,
     Checkpoint,
 }
@@ -52,6 +56,9 @@ pub fn inputs() -> Vec<Input> {
     all.extend(json());
     all.extend(photos());
     all.extend(depth_maps());
+    all.push(lone("keys.json", Reader::Path, KEYS.into()));
+    all.push(lone("camera_path.json", Reader::Path, CAMERA_PATH.into()));
+    all.push(lone("matrix.txt", Reader::Matrix, b"0 -2 0 1.5\n2 0 0 -3e1\n0 0 2 0.25\n0 0 0 1\n".to_vec()));
     all.push(lone("config.toml", Reader::Config, config()));
     all.push(lone("checkpoint.safetensors", Reader::Checkpoint, checkpoint()));
     all
@@ -117,6 +124,12 @@ fn among<N: AsRef<str>>(kind: &str, damaged: &str, reader: Reader, files: &[(N, 
     let beside = files.iter().filter(|(name, _)| !is_it(name)).map(|(n, b)| (n.as_ref().to_owned(), b.clone()));
     Input { name: format!("{kind}: {damaged}"), reader, file: damaged.into(), bytes, beside: beside.collect() }
 }
+
+const KEYS: &str = r#"{"keys": [{"eye": [0, 0.5, -4], "target": [0, 0, 0]},
+    {"eye": [4, 0, 1e-3], "target": [0, 0, 0], "up": [0, -1, 0], "fov": 50.5}]}"#;
+const CAMERA_PATH: &str = r#"{"camera_type": "perspective", "render_width": 320, "render_height": 200, "camera_path": [
+    {"camera_to_world": [1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1], "fov": 40},
+    {"camera_to_world": [[0, 0, 1, 1], [0, 1, 0, 2], [-1, 0, 0, -3], [0, 0, 0, 1]]}]}"#;
 
 /// rigs.bin with two rigs, of two cameras, one of which has a pose, and of one.
 const RIGS: &[&[u8]] = &[

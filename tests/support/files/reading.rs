@@ -2,10 +2,13 @@
 
 use super::corpus::{Input, Reader};
 use super::writers::write;
+use qirf_vk::edit::Similarity;
 use qirf_vk::gaussians::formats::{self, Loaded};
+use qirf_vk::glam::DVec3;
 use qirf_vk::job::RunConfig;
 use qirf_vk::pipeline::depth_maps::read;
-use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene, rigs};
+use qirf_vk::scene::walk::{self, Frame};
+use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene, read_text, rigs};
 use qirf_vk::train::checkpoint::Snapshot;
 use std::fs;
 use std::io::Write;
@@ -50,6 +53,23 @@ impl Input {
                 scene(folder)
             }
             Reader::Depth => said(depth_map(bytes)).is_some(),
+            Reader::Path => {
+                fs::write(&path, bytes).unwrap();
+                let frame = Frame { size: (64, 48), asked: false, fov: 0.7, up: DVec3::NEG_Y };
+                said(walk::read(&path, &frame)).is_some_and(|(keys, _)| {
+                    let cameras = walk::walk(&keys, 5);
+                    assert!(cameras.iter().all(|c| c.rotation.is_finite() && c.focal.is_finite()));
+                    cameras.len() == 5
+                })
+            }
+            Reader::Matrix => {
+                fs::write(&path, bytes).unwrap();
+                let read = said(read_text(&path)).and_then(|text| said(Similarity::of_text(&text)));
+                read.is_some_and(|similarity| {
+                    assert!(similarity.scale > 0.0 && similarity.rotation.is_finite());
+                    true
+                })
+            }
             Reader::Config => {
                 fs::write(&path, bytes).unwrap();
                 said(RunConfig::read(&path)).is_some_and(|config| {
