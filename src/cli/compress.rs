@@ -8,7 +8,7 @@ use super::scratch::Scratch;
 use super::show::Show;
 use super::values;
 use super::view::{self, Watched};
-use super::{Global, check_file, tell_of_missing};
+use super::{Global, check_file, check_model, tell_of_missing};
 use crate::gaussians::formats::{self, Precision, SpzPrecision};
 use crate::job::records::{Aim, AimRecord, CompressRecord, ModelFile, StageScores, Truth};
 use crate::job::{Error, Output};
@@ -163,7 +163,7 @@ impl Arguments {
 
     /// Refuses outputs that cannot be written or would overwrite the input, before any work.
     fn check_outputs(&self) -> Result<(), Error> {
-        formats::check_output(&self.output).map_err(Error::writing)?;
+        check_model(&self.output)?;
         for path in [Some(&self.output), self.report.as_ref(), self.diagnostics.as_ref()].into_iter().flatten() {
             formats::refuse_overwrite(&self.model, path).map_err(Error::writing)?;
             check_file(path)?;

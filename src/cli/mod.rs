@@ -228,6 +228,15 @@ fn holds_run(output: &Path) -> Error {
     Error::Usage(format!("-o {} holds a run and its figures; name another folder", output.display()))
 }
 
+/// Refuses the name of a file that is no model's.
+fn check_model(output: &Path) -> Result<(), Error> {
+    if formats::is_levels(output) || output.extension().is_some_and(|e| e.eq_ignore_ascii_case("html")) {
+        let what = "pages and levels of detail are written by `qirf-vk convert`; write a model, and convert that";
+        return Err(Error::Usage(format!("{}: {what}", output.display())));
+    }
+    formats::check_output(output).map_err(Error::writing)
+}
+
 /// Refuses a folder where a file is to be written, and a file that cannot be written there.
 fn check_file(output: &Path) -> Result<(), Error> {
     if output.is_dir() {

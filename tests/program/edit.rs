@@ -196,6 +196,10 @@ fn bad_requests_write_nothing_and_say_why() {
     sandbox.fails(2, &["edit", "model.ply", "-o", "model.ply"], &["another name"]);
     sandbox.fails(2, &["edit", "model.ply", "-o", "out.obj"], &["out.obj"]);
     sandbox.fails(2, &["edit", "model.ply", "-o", "scene"], &["scene"]);
+    for name in ["page.html", "lod/lod-meta.json"] {
+        sandbox.fails(2, &["edit", "model.ply", "-o", name], &[name, "`qirf-vk convert`"]);
+        sandbox.fails(2, &["compress", "model.ply", "-o", name], &[name, "`qirf-vk convert`"]);
+    }
     sandbox.fails(5, &["edit", "model.ply", "-o", "absent/out.ply"], &["absent"]);
     sandbox.fails(3, &["edit", "absent.ply", "-o", "out.ply"], &["absent.ply"]);
     assert_eq!(sandbox.content(), before, "nothing was written or changed");

@@ -125,7 +125,7 @@ impl Arguments {
     /// Refuses an output that cannot be written or would overwrite an input, before any work.
     fn check_output(&self) -> Result<(), Error> {
         let Some(output) = self.output.as_deref().filter(|_| !self.count_only) else { return Ok(()) };
-        formats::check_output(output).map_err(Error::writing)?;
+        check_model(output)?;
         for input in &self.inputs {
             formats::refuse_overwrite(input, output).map_err(Error::writing)?;
         }

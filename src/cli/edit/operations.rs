@@ -82,7 +82,7 @@ struct Options {
     /// or needles, whose longest axis is 100 times, or RATIO times, their middle axis
     #[arg(long, value_name = "floaters|invisible|needles[:RATIO]", allow_hyphen_values = true)]
     remove: Vec<String>,
-    /// Store neighbours in space next to each other in the file
+    /// Store neighbours in space next to each other in the file; none cancels it
     #[arg(long, value_name = "morton|none")]
     order: Vec<String>,
 }
@@ -142,7 +142,11 @@ impl Operations {
             }
             let refused = |what: String| Error::Usage(format!("--{name} {value}: {what}"));
             let (what, why) = operation(name, value).map_err(refused)?;
-            let Some(what) = what else { continue }; // --order none
+            let Some(what) = what else {
+                // --order none
+                asked.retain(|asked| !matches!(asked.what, Operation::Edit(Edit::MortonOrder)));
+                continue;
+            };
             asked.push(Asked { name: format!("--{name} {value}"), why, what });
         }
         Ok(asked)
@@ -265,6 +269,8 @@ mod tests {
         ];
         assert_eq!(names, expected);
         assert!(read("--scale 1").in_order().unwrap()[0].why.is_empty());
+        let orders = read("--order morton --scale 2 --order none --order morton --order none").in_order().unwrap();
+        assert!(orders.len() == 1 && orders[0].name == "--scale 2");
     }
 
     /// An option that `operation` forgets would be refused as none.
