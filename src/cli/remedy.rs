@@ -4,6 +4,7 @@ use super::inspect::is_run;
 use crate::job::{Error, Relief};
 use crate::scene::{OpenOptions, Scene};
 use crate::{edit, gaussians, gpu, metrics, scene, synth, train};
+use std::env::consts::OS;
 use std::io;
 use std::path::Path;
 
@@ -25,7 +26,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             "update the driver (known bad: llvmpipe of Mesa before 25, which ends shader loops after 65,535 iterations), or choose \
              another device with --device",
         ),
-        Error::NoProgram(programs) => Some(install(programs, cfg!(windows))),
+        Error::NoProgram(programs) => Some(install(programs, OS)),
         Error::Program { .. } => plain("run the same command again to resume; if it fails again, read the log"),
         Error::FewPoses { .. } => plain(
             "take at least 20 photos while you walk around the scene, each sharp, at one zoom, and showing two thirds of the \
@@ -127,15 +128,7 @@ fn plain(text: &str) -> Option<String> {
 
 fn device(error: &gpu::Error) -> Option<String> {
     match error {
-        gpu::Error::NoLoader(_) | gpu::Error::NoDriver | gpu::Error::NoDevice if cfg!(windows) => {
-            plain("install or update your GPU's driver, which brings Vulkan (vulkan-1.dll)")
-        }
-        gpu::Error::NoLoader(_) => plain("install it (Debian and Ubuntu: libvulkan1, or run tools/setup)"),
-        gpu::Error::NoDriver => plain(
-            "install your GPU's driver, or mesa-vulkan-drivers for a software device; NVIDIA's also needs libglvnd0 (libGLdispatch.so.0) \
-             and, in a container, NVIDIA_DRIVER_CAPABILITIES=all; VK_LOADER_DEBUG=error lists the drivers that were tried",
-        ),
-        gpu::Error::NoDevice => plain("install your GPU's driver, or mesa-vulkan-drivers for a software device"),
+        gpu::Error::NoLoader(_) | gpu::Error::NoDriver | gpu::Error::NoDevice => plain(vulkan(error, OS)),
         gpu::Error::MissingFeature { .. } => plain("choose another device with --device, or update its driver"),
         gpu::Error::Driver { .. } => plain(
             "install Mesa 25 or newer (Debian 12: mesa-vulkan-drivers from bookworm-backports; tools/setup does it), or use a GPU",
@@ -162,6 +155,20 @@ fn device(error: &gpu::Error) -> Option<String> {
         | gpu::Error::Variable { .. }
         | gpu::Error::Shader { .. }
         | gpu::Error::Vulkan { .. } => None,
+    }
+}
+
+/// Advice on a system without Vulkan.
+fn vulkan(error: &gpu::Error, system: &str) -> &'static str {
+    match (error, system) {
+        (_, "windows") => "install or update your GPU's driver, which brings Vulkan (vulkan-1.dll)",
+        (_, "macos") => "install Vulkan by `brew install vulkan-loader molten-vk`",
+        (gpu::Error::NoLoader(_), _) => "install it (Debian and Ubuntu: libvulkan1, or run tools/setup)",
+        (gpu::Error::NoDriver, _) => {
+            "install your GPU's driver, or mesa-vulkan-drivers for a software device; NVIDIA's also needs libglvnd0 (libGLdispatch.so.0) \
+             and, in a container, NVIDIA_DRIVER_CAPABILITIES=all; VK_LOADER_DEBUG=error lists the drivers that were tried"
+        }
+        _ => "install your GPU's driver, or mesa-vulkan-drivers for a software device",
     }
 }
 
@@ -247,12 +254,14 @@ fn smaller(relief: Relief) -> String {
 }
 
 /// The commands that install one of these programs.
-fn install(programs: &[&str], windows: bool) -> String {
-    let line = |program: &&str| match *program {
-        "openmvg-sfm" => "`cargo install openmvg-cli`",
-        "colmap" if windows => "its zip for Windows, whose folder goes on the PATH",
-        "colmap" => "`sudo apt-get install colmap`",
-        _ if windows => "`winget install ffmpeg`",
+fn install(programs: &[&str], system: &str) -> String {
+    let line = |program: &&str| match (*program, system) {
+        ("openmvg-sfm", _) => "`cargo install openmvg-cli`",
+        ("colmap", "windows") => "its zip for Windows, whose folder goes on the PATH",
+        ("colmap", "macos") => "`brew install colmap`",
+        ("colmap", _) => "`sudo apt-get install colmap`",
+        (_, "windows") => "`winget install ffmpeg`",
+        (_, "macos") => "`brew install ffmpeg`",
         _ => "`sudo apt-get install ffmpeg`",
     };
     let mut lines: Vec<&str> = programs.iter().map(line).collect();
@@ -291,6 +300,8 @@ mod tests {
     fn remedies_name_the_options_that_help() {
         let path = || PathBuf::from("a b/c");
         says(gpu::Error::NoLoader("x".into()), &["libvulkan1", "tools/setup"]);
+        assert!(vulkan(&gpu::Error::NoDriver, "macos").contains("brew install vulkan-loader molten-vk"));
+        assert!(vulkan(&gpu::Error::NoDevice, "windows").contains("vulkan-1.dll"));
         says(gpu::Error::MissingFeature { device: "D".into(), feature: "f".into() }, &["--device"]);
         says(gpu::Error::Lost("submit"), &["--resume", "--resolution", "--device"]);
         says(train::Error::NoViews, &["--eval-every"]);
@@ -360,8 +371,11 @@ mod tests {
         says(error("/s", "/s/small"), &["`qirf-vk pose /s/small -o SCENE`"]);
         says(error("a b's", "a b's"), &[r"`qirf-vk pose 'a b'\''s' -o SCENE`"]);
         says(Error::NoProgram(vec!["colmap", "openmvg-sfm"]), &["apt-get install colmap", "cargo install openmvg-cli"]);
-        assert_eq!(install(&["ffmpeg", "ffprobe"], false), "install it by `sudo apt-get install ffmpeg`");
-        let there = install(&["colmap", "openmvg-sfm", "ffmpeg"], true);
+        assert_eq!(install(&["ffmpeg", "ffprobe"], "linux"), "install it by `sudo apt-get install ffmpeg`");
+        let all = ["colmap", "openmvg-sfm", "ffmpeg"];
+        let brew = "install it by `brew install colmap` or `cargo install openmvg-cli` or `brew install ffmpeg`";
+        assert_eq!(install(&all, "macos"), brew);
+        let there = install(&all, "windows");
         assert!(there.contains("winget") && there.contains("on the PATH") && !there.contains("apt"), "{there}");
         says(Error::FewPoses { photos: 9, posed: 1 }, &["sharp", "--matching exhaustive"]);
     }
