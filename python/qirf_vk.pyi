@@ -125,6 +125,9 @@ class Model:
     def crop_ball(self, centre: Vector, radius: float, *, outside: bool = False) -> Model:
         """Keeps the Gaussians with their centre in a sphere, or outside of it."""
 
+    def crop_views(self, scene: Path, *, least: int = 1, outside: bool = False) -> Model:
+        """Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others."""
+
     def with_degree(self, degree: int) -> Model:
         """Drops the bands above this SH degree."""
 
@@ -134,8 +137,19 @@ class Model:
     def max_size(self, size: float) -> Model:
         """Removes Gaussians whose longest axis has a larger standard deviation, in world units."""
 
-    def remove(self, kind: str, *, ratio: float = 100.0) -> Model:
-        """Removes "invisible" Gaussians, which no picture can show, or "needles", whose longest axis is `ratio` times the middle one."""
+    def remove(
+        self,
+        kind: str,
+        *,
+        ratio: float = 100.0,
+        scene: Optional[Path] = None,
+        resolution: Optional[Resolution] = None,
+        device: Optional[Device] = None,
+    ) -> Model:
+        """Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one; or
+        "floaters", Gaussians in empty space, which the photos of `scene`, at a resolution such as 640 (pixels wide) or "/2", show to be wrong,
+        or without a scene pictures of the model (docs/edit.md).
+        """
 
     def morton_order(self) -> Model:
         """Orders Gaussians along a Z-order curve, so that neighbours in space are neighbours in the file."""
@@ -207,11 +221,14 @@ class Renderer:
         """
 
     @overload
-    def depth(self, camera: Camera) -> NDArray[np.float32]: ...
+    def depth(self, camera: Camera, *, kind: str = "expected") -> NDArray[np.float32]: ...
     @overload
-    def depth(self, camera: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int]) -> NDArray[np.float32]:
-        """Expected depths (height, width) along the camera's axis, in world units: the mean over the Gaussians that a pixel blends, with the
-        weights of their colours; infinite where there are none.
+    def depth(
+        self, camera: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], *, kind: str = "expected"
+    ) -> NDArray[np.float32]:
+        """Depths (height, width) along the camera's axis, in world units. kind: "expected", the mean over the Gaussians that a pixel blends,
+        with the weights of their colours, infinite where there are none; or "median", the depth at which the transmittance falls to a
+        half, infinite where it does not.
         """
 
 class Run:
@@ -278,8 +295,8 @@ def compress(
     """Removes redundant Gaussians. Returns the smaller model and the record of `qirf-vk compress --json`.
 
     keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes, with the highest
-    PSNR; or psnr: the minimum PSNR in dB, with the smallest file. The last two need `output`, a file name as for Model.save. With `output`
-    the file is written, and the returned model is read from it.
+    PSNR; or psnr: the minimum PSNR in dB, with the smallest file. The last two are of `output`, a file name as for Model.save, which is
+    written and read for the returned model; without one, of the .ply that the returned model makes.
 
     The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`, at a
     resolution such as 640 (pixels wide) or "/2". selector: the rule that ranks Gaussians (docs/method.md); fine_tune: iterations of training

@@ -1,5 +1,7 @@
-"""What is left of a model at each size: python sizes.py flowers.ply"""
+"""PSNR of a model's files against their size: python sizes.py flowers.ply"""
+import os
 import sys
+import tempfile
 
 import qirf_vk
 
@@ -7,7 +9,10 @@ if len(sys.argv) != 2:
     sys.exit(__doc__)
 
 model = qirf_vk.Model.load(sys.argv[1])
-print("share  Gaussians    dB")
-for share in (0.5, 0.28, 0.1, 0.05):
-    small, record = qirf_vk.compress(model, share)
-    print(f'{share:5}  {len(small):9}  {record["test"]["pruned"]["psnr"]:.2f}')
+whole = os.path.getsize(sys.argv[1])
+print("     bytes  Gaussians     dB")
+with tempfile.TemporaryDirectory() as folder:
+    for part in (5, 10, 20, 40, 80):
+        output = os.path.join(folder, f"{part}.sog")
+        small, record = qirf_vk.compress(model, size=whole // part, output=output)
+        print(f'{os.path.getsize(output):10}  {len(small):9}  {record["test"]["written"]["psnr"]:5.2f}')

@@ -20,8 +20,8 @@ use std::path::{Path, PathBuf};
 /// Removes redundant Gaussians. Returns the smaller model and the record of `qirf-vk compress --json`.
 ///
 /// keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes, with the highest
-/// PSNR; or psnr: the minimum PSNR in dB, with the smallest file. The last two need `output`, a file name as for Model.save. With `output`
-/// the file is written, and the returned model is read from it.
+/// PSNR; or psnr: the minimum PSNR in dB, with the smallest file. The last two are of `output`, a file name as for Model.save, which is
+/// written and read for the returned model; without one, of the .ply that the returned model makes.
 ///
 /// The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`, at a
 /// resolution such as 640 (pixels wide) or "/2". selector: the rule that ranks Gaussians (docs/method.md); fine_tune: iterations of training
@@ -89,9 +89,6 @@ pub fn compress<'py>(
         None => ViewSource::OwnPictures { cameras, background: [0.0; 3] },
     };
     let aim = size.map(Aim::Bytes).or(psnr.map(Aim::Psnr));
-    if aim.is_some() && output.is_none() {
-        return Err(wrong("size and psnr are of a file: name it as output"));
-    }
     let device = or_usual(py, device)?;
     let follower = Follower::new(None, on_progress);
     let done = py.detach(|| -> Result<_, Error> {
@@ -99,7 +96,7 @@ pub fn compress<'py>(
         let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
         let (input, origin) = model.placed(scene.as_deref())?;
         let Some(output) = &output else {
-            let (record, smaller) = engine_compress::compress_in_memory(&session, input, &config)?;
+            let (record, smaller) = engine_compress::compress_in_memory(&session, input, (&config, aim))?;
             return Ok((record, Model { origin, ..model.like(smaller) }));
         };
         formats::check_output(output).map_err(Error::writing)?;

@@ -1,12 +1,23 @@
 //! Edits: each makes a new model.
 
-use crate::errors::{raised, whole, wrong};
+use crate::arrays::Resolution;
+use crate::device::{Device, or_usual};
+use crate::errors::{number, raised, whole, wrong};
 use crate::model::Model;
+use crate::watch::Follower;
 use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted, common_origin};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
+use engine::gpu;
+use engine::job::{Error, Preset, RunConfig, Session};
+use engine::metrics::Networks;
+use engine::pipeline::virtual_views::VirtualCameras;
+use engine::pipeline::{floaters, place};
+use engine::render::Style;
+use engine::scene::{OpenOptions, Scene};
 use pyo3::exceptions::PyIndexError;
 use pyo3::prelude::*;
+use std::path::PathBuf;
 
 impl Model {
     fn edited(&self, py: Python<'_>, edit: Edit) -> PyResult<Self> {
@@ -19,6 +30,31 @@ impl Model {
 
     fn transformed(&self, py: Python<'_>, map: Result<Similarity, engine::edit::Error>) -> PyResult<Self> {
         self.edited(py, Edit::Transform(checked(map)?))
+    }
+
+    fn without_floaters(
+        &self,
+        py: Python<'_>,
+        scene: Option<PathBuf>,
+        resolution: Option<Resolution>,
+        device: gpu::Device,
+    ) -> PyResult<Self> {
+        let (style, resolution, follower) = (Style::of(self.mode), resolution.map(|r| r.0), Follower::new(None, None));
+        let cleaned = py.detach(|| -> Result<_, Error> {
+            let networks = Networks::default();
+            let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
+            let found = match scene {
+                Some(scene) => {
+                    let photos = RunConfig { resolution, ..RunConfig::of(scene, Preset::default()) }.selection();
+                    floaters::by_photos(&session, (&self.inner, self.origin), &photos, style)?
+                }
+                None => floaters::by_own_pictures(&session, &self.inner, &VirtualCameras::default(), style)?,
+            };
+            let mut model = Gaussians::clone(&self.inner);
+            model.compact(&found.iter().map(Option::is_none).collect::<Vec<bool>>());
+            Ok(model)
+        });
+        Ok(self.like(follower.result(cleaned)?))
     }
 
     fn cropped(&self, py: Python<'_>, region: Result<Region, engine::edit::Error>, outside: bool) -> PyResult<Self> {
@@ -70,6 +106,23 @@ impl Model {
         self.cropped(py, Region::ball(centre.into(), radius), outside)
     }
 
+    /// Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others.
+    #[pyo3(signature = (scene, *, least=1, outside=false))]
+    fn crop_views(
+        &self,
+        py: Python<'_>,
+        scene: PathBuf,
+        #[pyo3(from_py_with = whole)] least: i64,
+        outside: bool,
+    ) -> PyResult<Self> {
+        let least = number("least", least, 1)?;
+        let region = py.detach(|| {
+            let scene = Scene::open(&scene, &OpenOptions::default())?;
+            place::seen((&self.inner, self.origin), &scene, least)
+        });
+        self.cropped(py, Ok(region.map_err(raised)?), outside)
+    }
+
     /// Drops the bands above this SH degree.
     fn with_degree(&self, py: Python<'_>, #[pyo3(from_py_with = whole)] degree: i64) -> PyResult<Self> {
         let within = usize::try_from(degree).ok().filter(|degree| *degree <= MAX_SH_DEGREE);
@@ -93,15 +146,30 @@ impl Model {
         self.edited(py, Edit::MaxSize(size))
     }
 
-    /// Removes "invisible" Gaussians, which no picture can show, or "needles", whose longest axis is `ratio` times the middle one.
-    #[pyo3(signature = (kind, *, ratio=NEEDLE))]
-    fn remove(&self, py: Python<'_>, kind: &str, ratio: f64) -> PyResult<Self> {
+    /// Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one; or
+    /// "floaters", Gaussians in empty space, which the photos of `scene`, at a resolution such as 640 (pixels wide) or "/2", show to be wrong,
+    /// or without a scene pictures of the model (docs/edit.md).
+    #[pyo3(signature = (kind, *, ratio=NEEDLE, scene=None, resolution=None, device=None))]
+    fn remove(
+        &self,
+        py: Python<'_>,
+        kind: &str,
+        ratio: f64,
+        scene: Option<PathBuf>,
+        resolution: Option<Resolution>,
+        device: Option<&Bound<'_, Device>>,
+    ) -> PyResult<Self> {
+        if kind != "floaters" && scene.is_some() || scene.is_none() && resolution.is_some() {
+            return Err(wrong("a scene shows \"floaters\", and resolution is that of its photos"));
+        }
         let unwanted = match kind {
             "invisible" => Unwanted::Invisible,
             "needles" if ratio >= 1.0 => Unwanted::Needles(ratio),
             "needles" => return Err(wrong(format!("ratio={ratio}: give one of 1 or more"))),
+            "floaters" => return self.without_floaters(py, scene, resolution, or_usual(py, device)?),
             other => {
-                return Err(wrong(format!("{other:?} is no kind to remove: there are \"invisible\" and \"needles\"")));
+                let kinds = "\"invisible\", \"needles\" and \"floaters\"";
+                return Err(wrong(format!("{other:?} is no kind to remove: there are {kinds}")));
             }
         };
         self.edited(py, Edit::Remove(unwanted))

@@ -8,15 +8,16 @@ use engine::gaussians::Gaussians;
 use engine::gaussians::outline::outline;
 use engine::gaussians::resident::Resident;
 use engine::glam::{DMat3, DVec2, DVec3};
+use engine::gpu;
 use engine::job::Error;
+use engine::pipeline::budget;
+use engine::pipeline::depth::DepthPainter;
 use engine::pipeline::render::near_at;
-use engine::pipeline::{budget, depth};
-use engine::render::{Image, Painter, Settings, Source, Style};
+use engine::render::{Painter, Settings, Source, Style};
 use engine::scene::{
     camera,
     orbit::{Look, UP},
 };
-use engine::{gpu, render};
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -187,24 +188,27 @@ pub struct Renderer {
 #[derive(Default)]
 struct Brushes {
     colour: Option<(f32, Painter)>,
-    depth: Option<(f32, Painter)>,
+    depth: Option<(f32, DepthPainter)>,
+}
+
+/// The painter for this near plane.
+fn painter<T>(
+    slot: &mut Option<(f32, T)>,
+    near: f32,
+    make: impl FnOnce() -> Result<T, Error>,
+) -> Result<&mut T, Error> {
+    let painter = match slot.take() {
+        Some((of, painter)) if of.to_bits() == near.to_bits() => painter,
+        _ => make()?,
+    };
+    Ok(&mut slot.insert((near, painter)).1)
 }
 
 impl Renderer {
-    fn draw(
-        &self,
-        slot: &mut Option<(f32, Painter)>,
-        source: Source<'_>,
-        camera: &Camera,
-        settings: Settings,
-    ) -> Result<Image, Error> {
-        let near = camera.near.unwrap_or(settings.near);
-        if slot.as_ref().is_none_or(|(of, _)| of.to_bits() != near.to_bits()) {
-            let size = [camera.inner.width, camera.inner.height];
-            *slot = Some((near, Painter::of(&self.device, Settings { near, ..settings }, source, size)?));
-        }
-        let Some((_, painter)) = slot else { return Err(Error::Interrupted) };
-        Ok(painter.render(source, &camera.inner)?)
+    /// The settings for a camera, and the size of its pictures.
+    fn settings(&self, camera: &Camera) -> (Settings, [u32; 2]) {
+        let near = camera.near.unwrap_or(self.settings.near);
+        (Settings { near, ..self.settings }, [camera.inner.width, camera.inner.height])
     }
 
     fn brushes(&self) -> MutexGuard<'_, Brushes> {
@@ -259,44 +263,41 @@ impl Renderer {
         #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let camera = camera_of(camera, world_to_camera, size)?;
-        let image = py
-            .detach(|| self.draw(&mut self.brushes().colour, self.source(), &camera, self.settings))
-            .map_err(raised)?;
+        let image = py.detach(|| -> Result<_, Error> {
+            let ((settings, size), source) = (self.settings(&camera), self.source());
+            let make = || Ok(Painter::of(&self.device, settings, source, size)?);
+            Ok(painter(&mut self.brushes().colour, settings.near, make)?.render(source, &camera.inner)?)
+        });
+        let image = image.map_err(raised)?;
         let shape = (image.height as usize, image.width as usize, 4);
         let pixels = Array3::from_shape_vec(shape, image.pixels.into_flattened()).map_err(|e| wrong(e.to_string()))?;
         Ok(pixels.into_pyarray(py))
     }
 
-    /// Expected depths (height, width) along the camera's axis, in world units: the mean over the Gaussians that a pixel blends, with the
-    /// weights of their colours; infinite where there are none.
-    #[pyo3(signature = (camera, world_to_camera=None, size=None))]
+    /// Depths (height, width) along the camera's axis, in world units. kind: "expected", the mean over the Gaussians that a pixel blends,
+    /// with the weights of their colours, infinite where there are none; or "median", the depth at which the transmittance falls to a
+    /// half, infinite where it does not.
+    #[pyo3(signature = (camera, world_to_camera=None, size=None, *, kind="expected"))]
     fn depth<'py>(
         &self,
         py: Python<'py>,
         camera: &Bound<'py, PyAny>,
         world_to_camera: Option<&Bound<'py, PyAny>>,
         #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
+        kind: &str,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let camera = camera_of(camera, world_to_camera, size)?;
-        let image = py.detach(|| -> Result<(f64, Image), Error> {
-            let (far, colours) = depth::colours(&self.model.means, &camera.inner);
-            let model = depth::coloured(&self.model, colours);
-            let settings = Settings { background: [0.0; 3], ..self.settings };
-            let mut brushes = self.brushes();
-            let image = if self.resident.is_some() {
-                let resident = Resident::upload(&self.device, &model)?;
-                self.draw(&mut brushes.depth, render::Source::Device(&resident), &camera, settings)?
-            } else {
-                self.draw(&mut brushes.depth, render::Source::Host(&model), &camera, settings)?
-            };
-            Ok((far, image))
+        if !["expected", "median"].contains(&kind) {
+            return Err(wrong(format!("kind={kind:?}: give \"expected\" or \"median\"")));
+        }
+        let drawn = py.detach(|| {
+            let (settings, size) = self.settings(&camera);
+            let make = || DepthPainter::new(&self.device, &self.model, (settings, size, self.resident.is_some()));
+            painter(&mut self.brushes().depth, settings.near, make)?.draw(&camera.inner)
         });
-        let (far, image) = image.map_err(raised)?;
-        let depth = |[z, _, _, alpha]: &[f32; 4]| {
-            if *alpha > 0.0 { (f64::from(*z / *alpha) * far) as f32 } else { f32::INFINITY }
-        };
-        let shape = (image.height as usize, image.width as usize);
-        let depths = Array2::from_shape_vec(shape, image.pixels.iter().map(depth).collect());
-        Ok(depths.map_err(|e| wrong(e.to_string()))?.into_pyarray(py))
+        let drawn = drawn.map_err(raised)?;
+        let shape = (drawn.height as usize, drawn.width as usize);
+        let depths = if kind == "median" { drawn.median } else { drawn.expected };
+        Ok(Array2::from_shape_vec(shape, depths).map_err(|e| wrong(e.to_string()))?.into_pyarray(py))
     }
 }

@@ -136,8 +136,6 @@ def test_errors_have_their_kinds(ring, tmp_path):
         qirf_vk.train(tmp_path, preset="fast")
     with pytest.raises(ValueError, match="keep"):
         qirf_vk.compress(ring, keep=1.5)
-    with pytest.raises(ValueError, match="output"):
-        qirf_vk.compress(ring, size=10_000)
     with pytest.raises(ValueError, match="scene"):
         qirf_vk.evaluate(ring)
     with pytest.raises(ValueError, match="give one of them"):
@@ -228,9 +226,25 @@ def test_depth_is_the_distance_along_the_axis():
     one = [[0.3, -0.2, 5.0]]
     model = qirf_vk.Model.from_arrays(one, [[-1.0] * 3], [[1, 0, 0, 0]], [4.0], [np.zeros((1, 1, 3))])
     camera = qirf_vk.Camera.look_at((0, 0, 0), (0, 0, 1), fov=60, size=(64, 48))
-    depth = qirf_vk.Renderer(model).depth(camera)
+    renderer = qirf_vk.Renderer(model)
+    depth = renderer.depth(camera)
     seen = np.isfinite(depth)
     assert depth.shape == (48, 64) and 0 < seen.sum() < seen.size and np.allclose(depth[seen], 5.0, atol=1e-4)
+    middle = renderer.depth(camera, kind="median")
+    solid = np.isfinite(middle)
+    assert (renderer.render(camera)[..., 3] > 0.5)[solid].all() and 0 < solid.sum() < seen.sum()
+    assert np.allclose(middle[solid], 5.0, atol=1e-4)
+    with pytest.raises(ValueError, match='give "expected" or "median"'):
+        renderer.depth(camera, kind="mean")
+
+
+def test_pictures_are_shared_with_torch(ring):
+    torch = pytest.importorskip("torch")
+    picture = qirf_vk.Renderer(ring).render(qirf_vk.orbit(ring, 1, size=(32, 24))[0])
+    tensor = torch.from_dlpack(picture)
+    assert tensor.shape == (24, 32, 4) and tensor.data_ptr() == picture.__array_interface__["data"][0]
+    tensor[0, 0, 0] = 2.0
+    assert picture[0, 0, 0] == 2.0
 
 
 def test_edits_make_new_models(ring):
@@ -258,6 +272,26 @@ def test_edits_make_new_models(ring):
         ring.remove("ugly")
     with pytest.raises(ValueError):
         ring.transform(np.diag([1, 2, 3, 1]))
+
+
+def test_scenes_crop_and_clean_as_the_program_does(scene, trained, tmp_path):
+    trained.model.save(tmp_path / "model.ply")
+
+    def edited(*options):
+        program("edit", tmp_path / "model.ply", "-o", tmp_path / "edited.ply", *options)
+        return (tmp_path / "edited.ply").read_bytes()
+
+    for model, *options in [
+        (trained.model.crop_views(scene, least=4), "--crop-views", scene, "--least-views", 4),
+        (trained.model.remove("floaters"), "--remove", "floaters"),
+        (trained.model.remove("floaters", scene=scene), "--remove", "floaters", "--scene", scene),
+    ]:
+        model.save(tmp_path / "python.ply")
+        assert (tmp_path / "python.ply").read_bytes() == edited(*options), options
+    with pytest.raises(ValueError, match="at least 100 views: .* has 9 views"):
+        trained.model.crop_views(scene, least=100)
+    with pytest.raises(ValueError, match="a scene shows"):
+        trained.model.remove("needles", scene=scene)
 
 
 def test_training_is_the_programs(scene, trained, tmp_path):
@@ -294,6 +328,10 @@ def test_compression_and_scores_are_the_programs(trained, scene, tmp_path):
     assert len(exact) == 50
     fitted, record = qirf_vk.compress(model, size=4000, output=tmp_path / "s.spz", views=8, picture_size=(64, 64))
     assert (tmp_path / "s.spz").stat().st_size <= 4000 and len(fitted) == record["output"]["gaussians"]
+    half = (tmp_path / "model.ply").stat().st_size // 2
+    fitted, record = qirf_vk.compress(model, size=half, views=8, picture_size=(64, 64))
+    fitted.save(tmp_path / "half.ply")
+    assert 0.9 * half < (tmp_path / "half.ply").stat().st_size <= half and record["aim"] is not None
     scores = qirf_vk.evaluate(model, scene)
     assert scores["test"]["psnr"] == pytest.approx(trained.record["test"]["psnr"], abs=1e-4)
     against = qirf_vk.evaluate(small, against=model)

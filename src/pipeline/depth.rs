@@ -33,7 +33,7 @@ pub struct Depths {
 
 /// Colours of degree 0 by which a picture of Gaussians with these means shows their depths, as shares of the largest one, which is
 /// returned with them.
-pub fn colours(means: &[[f32; 3]], camera: &Camera) -> (f64, Vec<f32>) {
+fn colours(means: &[[f32; 3]], camera: &Camera) -> (f64, Vec<f32>) {
     let depths: Vec<f64> = means.iter().map(|mean| camera.depth(DVec3::from_array(mean.map(f64::from)))).collect();
     let far = depths.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
     let colour = |z: &f64| [((z / far - 0.5) / SH_C0) as f32; 3];
@@ -41,7 +41,7 @@ pub fn colours(means: &[[f32; 3]], camera: &Camera) -> (f64, Vec<f32>) {
 }
 
 /// A model of the same shapes with these colours of degree 0, a red, a green and a blue for each Gaussian.
-pub fn coloured(model: &Gaussians, colours: Vec<f32>) -> Gaussians {
+fn coloured(model: &Gaussians, colours: Vec<f32>) -> Gaussians {
     let Gaussians { means, log_scales, rotations, opacity_logits, .. } = model;
     let [means, log_scales] = [means, log_scales].map(Clone::clone);
     let sh = vec![colours];
@@ -49,8 +49,8 @@ pub fn coloured(model: &Gaussians, colours: Vec<f32>) -> Gaussians {
 }
 
 /// Draws depths of one model.
-pub struct DepthPainter<'a> {
-    device: &'a Device,
+pub struct DepthPainter {
+    device: Device,
     /// The model with depths as colours.
     model: Gaussians,
     /// The same on the device, if that holds the whole model.
@@ -58,10 +58,10 @@ pub struct DepthPainter<'a> {
     painter: Painter,
 }
 
-impl<'a> DepthPainter<'a> {
+impl DepthPainter {
     /// A painter of pictures of at most `size`; `whole` if the device can hold the whole model.
     pub fn new(
-        device: &'a Device,
+        device: &Device,
         model: &Gaussians,
         (settings, size, whole): (Settings, [u32; 2], bool),
     ) -> Result<Self, Error> {
@@ -73,14 +73,14 @@ impl<'a> DepthPainter<'a> {
         } else {
             Painter::of(device, settings, Source::Host(&model), size)?
         };
-        Ok(Self { device, model, resident, painter: painter.with_medians() })
+        Ok(Self { device: device.clone(), model, resident, painter: painter.with_medians() })
     }
 
     /// The depths that a camera sees.
     pub fn draw(&mut self, camera: &Camera) -> Result<Depths, Error> {
         let (far, colours) = colours(&self.model.means, camera);
         let source = if let Some(resident) = &self.resident {
-            resident.parameters.sh[0].write(self.device, &colours)?;
+            resident.parameters.sh[0].write(&self.device, &colours)?;
             Source::Device(resident)
         } else {
             self.model.sh[0] = colours;

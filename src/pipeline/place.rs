@@ -1,8 +1,9 @@
 //! Models and scenes with different local origins in one world.
 
+use crate::edit::Region;
 use crate::gaussians::Gaussians;
 use crate::job::Error;
-use crate::scene::{OpenOptions, Scene, origin};
+use crate::scene::{OpenOptions, Resize, Scene, origin};
 use glam::DVec3;
 use std::path::Path;
 
@@ -30,6 +31,20 @@ pub fn shift_to(model: &Gaussians, from: [f64; 3], scene: &Scene) -> DVec3 {
     let (own, mean) = (DVec3::from(from), mean(model));
     let in_world = own != DVec3::ZERO || mean.distance(scene.origin) < mean.length();
     if in_world { own - scene.origin } else { DVec3::ZERO }
+}
+
+/// The positions, in the coordinates of a model with the local origin `from`, that at least `least` of a scene's cameras show.
+///
+/// # Errors
+/// [`Error::Usage`] if the scene has fewer cameras.
+pub fn seen((model, from): (&Gaussians, [f64; 3]), scene: &Scene, least: usize) -> Result<Region, Error> {
+    let (shift, there) = (shift_to(model, from, scene), scene.views.len());
+    if least > there {
+        let root = scene.root.display();
+        return Err(Error::Usage(format!("a crop by at least {least} views: {root} has {there} views; ask for fewer")));
+    }
+    let cameras = scene.views.iter().map(|view| view.camera_at(Resize::Full).relative_to(shift)).collect();
+    Ok(Region::Views { cameras, least })
 }
 
 /// The local origin to subtract from cameras around `centre` that look at a model with this local origin: zero if the cameras are

@@ -8,7 +8,7 @@ use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style::Rendering;
 use super::{Global, check_file, check_model, values};
-use crate::edit::{Editor, Step, common_origin, merge, numbers, rounding};
+use crate::edit::{Edit, Editor, Step, common_origin, merge, numbers, rounding};
 use crate::effects::Overrides;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, RenderMode};
@@ -17,7 +17,7 @@ use crate::job::records::FloaterCounts;
 use crate::job::{Error, Selection, Session};
 use crate::metrics::Networks;
 use crate::pipeline::floaters;
-use crate::pipeline::place::shift_to;
+use crate::pipeline::place::seen;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::scene::{EVAL_EVERY, OpenOptions};
 use crate::wording::counted;
@@ -157,7 +157,7 @@ impl Arguments {
             Operation::Views { scene, outside } => {
                 let least = self.least_views.unwrap_or(1) as usize;
                 let scene = open_scene(scene, &OpenOptions::default(), console)?;
-                operations::of_views(&scene, shift_to(editor.model(), origin, &scene), least, *outside)?
+                Edit::Crop { region: seen((editor.model(), origin), &scene, least)?, outside: *outside }
             }
             Operation::Matrix(path) => operations::of_matrix(path)?,
             Operation::Floaters => return self.without_floaters((asked, mode, origin), editor, (console, global)),

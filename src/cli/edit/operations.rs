@@ -4,10 +4,9 @@ use super::parse;
 use crate::edit::{Edit, INVISIBLE, Region, Similarity, Unwanted};
 use crate::gaussians::{self, MAX_SH_DEGREE};
 use crate::job::Error;
-use crate::scene::{Resize, Scene, read_text};
+use crate::scene::read_text;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
-use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 const HEADING: &str = "Operations, in their order";
@@ -222,16 +221,6 @@ fn operation(name: &str, value: &str) -> Result<(Option<Operation>, String), Str
         },
         _ => Err("no such operation".into()),
     }
-}
-
-/// A crop by a scene's cameras, of which at least so many must show a centre after `shift`.
-pub(super) fn of_views(scene: &Scene, shift: DVec3, least: usize, outside: bool) -> Result<Edit, Error> {
-    let cameras: Vec<_> = scene.views.iter().map(|view| view.camera_at(Resize::Full).relative_to(shift)).collect();
-    if least > cameras.len() {
-        let there = cameras.len();
-        return Err(Error::Usage(format!("--least-views {least}: {} has {there} views", scene.root.display())));
-    }
-    Ok(Edit::Crop { region: Region::Views { cameras, least }, outside })
 }
 
 /// A move by the matrix in a file.

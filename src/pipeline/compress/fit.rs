@@ -153,7 +153,7 @@ impl<'a> Target<'a> {
 
     /// The name of its format, for messages.
     fn kind(&self) -> String {
-        self.path.extension().unwrap_or_default().to_string_lossy().to_uppercase()
+        self.path.extension().or(self.format.extension()).unwrap_or_default().to_string_lossy().to_uppercase()
     }
 }
 

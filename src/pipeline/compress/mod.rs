@@ -52,14 +52,19 @@ pub fn compress(
     compress_to(session, input, (config, None), &Target::new(output))
 }
 
-/// Compresses a model in memory: the record's files have no path, and no bytes.
+/// Compresses a model in memory: the record's files have no path, and no bytes. An aim is met by the PLY file of the result.
+///
+/// # Errors
+/// As of [`compress_to`], without those of files.
 pub fn compress_in_memory(
     session: &Session<'_>,
     model: Gaussians,
-    config: &CompressConfig,
+    (config, aim): (&CompressConfig, Option<Aim>),
 ) -> Result<(CompressRecord, Gaussians), Error> {
-    let input = Input { path: Path::new(""), model, read_s: 0.0 };
-    let Reduced { record, model, .. } = reduce(session, input, (config, None), &Target::new(Path::new("")))?;
+    let nowhere = Path::new("");
+    let input = Input { path: nowhere, model, read_s: 0.0 };
+    let target = Target { path: nowhere, ..Target::new(Path::new("model.ply")) };
+    let Reduced { record, model, .. } = reduce(session, input, (config, aim), &target)?;
     Ok((record, model))
 }
 
