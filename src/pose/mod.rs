@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 use source::Source;
 use std::path::{Path, PathBuf};
 
+pub use rig::Rig;
 pub use source::is_video;
 
 /// The stages of COLMAP, as the progress bar calls them.

@@ -30,7 +30,7 @@ struct Camera {
 
 /// The rigs that took some photos.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Rig {
+pub struct Rig {
     /// The file.
     pub text: String,
     /// The beginnings of the names of each camera's photos.

@@ -26,6 +26,10 @@ pub enum Reader {
     Scene,
     /// The same for a PNG whose checksums are corrected after the damage.
     ScenePng,
+    /// The georeference.json beside `model.ply`.
+    Georeference,
+    /// The rigs of photos.
+    Rigs,
     /// A depth map.
     Depth,
     /// The cameras of a path.
@@ -114,6 +118,9 @@ fn parts() -> Vec<Input> {
     let files = make::sog_files(50, 2).into_iter().map(|(name, bytes)| (format!("0_0/{name}"), bytes));
     let levels = [("lod-meta.json".to_owned(), make::LEVELS.into())];
     all.push(among("sog levels", "lod-meta.json", Reader::SogPart, &files.chain(levels).collect::<Vec<_>>()));
+    let place = br#"{"schema": 1, "origin": [0, 0, 1], "models": {"model.ply": [500000.5, 4e6, 30]}}"#.to_vec();
+    let files = [("georeference.json", place), ("model.ply", make::ply(&model, Encoding::Little, false))];
+    all.push(among("origin", "georeference.json", Reader::Georeference, &files));
     all
 }
 
@@ -173,6 +180,10 @@ fn json() -> Vec<Input> {
     let ascii = [head("ascii"), b"1 2 3 4 5 6\n1 2 3 4 5 6\n-1e3 2 3 4 5 6\n".to_vec()].concat();
     let binary = [head("binary_little_endian"), b"0123456789abcde".repeat(3)].concat();
     let names = ["a.png", "b.png", "c.png"];
+    let rigs = br#"[{"cameras": [{"image_prefix": "left/", "ref_sensor": true}, {"image_prefix": "right/",
+        "cam_from_rig_rotation": [1, 0, 0, 0.5], "cam_from_rig_translation": [0.1, 0, 0]}]}]"#;
+    let panorama = r#""camera_model": "EQUIRECTANGULAR", "w": 64, "h": 48, "fl_x": 32.0"#;
+    let panorama = [("transforms.json", transforms(panorama, &names[..1])), ("a.png", photo("a.png"))];
     let with = |cloud: &[u8]| vec![("transforms.json", transforms(nerfstudio, &names)), ("points.ply", cloud.to_vec())];
     vec![
         among(
@@ -185,19 +196,27 @@ fn json() -> Vec<Input> {
             ],
         ),
         among("instant-ngp", "transforms.json", Reader::Scene, &[("transforms.json", transforms(ngp, &names))]),
+        among("panorama", "transforms.json", Reader::Scene, &panorama),
+        lone("rig_config.json", Reader::Rigs, rigs.to_vec()),
         among("nerfstudio", "transforms.json", Reader::Scene, &with(&ascii)),
         among("nerfstudio ascii", "points.ply", Reader::Scene, &with(&ascii)),
         among("nerfstudio binary", "points.ply", Reader::Scene, &with(&binary)),
     ]
 }
 
-fn photos() -> Vec<Input> {
+/// A photo in the format of its name.
+fn photo(name: &str) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
-    let photo = |name: &str| {
-        let path = folder.path().join(name);
+    let path = folder.path().join(name);
+    if name.ends_with(".exr") {
+        image::load_from_memory(&photo("a.png")).unwrap().into_rgb32f().save(&path).unwrap();
+    } else {
         picture(&path, 64, 48);
-        fs::read(path).unwrap()
-    };
+    }
+    fs::read(path).unwrap()
+}
+
+fn photos() -> Vec<Input> {
     let mut grey = Vec::new();
     let deep: Vec<u8> = (0..64 * 48 * 2).map(|i| (i % 251) as u8).collect();
     let encoder = image::codecs::png::PngEncoder::new(&mut grey);
@@ -213,6 +232,8 @@ fn photos() -> Vec<Input> {
         scene("photo", "a.jpg", Reader::Scene, photo("a.jpg")),
         scene("photo", "a.png", Reader::Scene, photo("a.png")),
         scene("photo", "a.webp", Reader::Scene, photo("a.webp")),
+        scene("photo", "a.tif", Reader::Scene, photo("a.tif")),
+        scene("photo", "a.exr", Reader::Scene, photo("a.exr")),
         scene("checksums right", "a.png", Reader::ScenePng, photo("a.png")),
         scene("grey and alpha", "a.png", Reader::ScenePng, grey),
     ];

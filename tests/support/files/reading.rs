@@ -7,6 +7,7 @@ use qirf_vk::gaussians::formats::{self, Loaded};
 use qirf_vk::glam::DVec3;
 use qirf_vk::job::RunConfig;
 use qirf_vk::pipeline::depth_maps::read;
+use qirf_vk::pose::Rig;
 use qirf_vk::scene::walk::{self, Frame};
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene, read_text, rigs};
 use qirf_vk::train::checkpoint::Snapshot;
@@ -51,6 +52,23 @@ impl Input {
                 right_checksums(&mut bytes);
                 fs::write(&path, bytes).unwrap();
                 scene(folder)
+            }
+            Reader::Georeference => {
+                fs::write(&path, bytes).unwrap();
+                let read = formats::read(&folder.join("model.ply"));
+                assert!(read.as_ref().map_or(true, |model| model.origin.iter().all(|x| x.is_finite())));
+                model(usize::MAX, read, folder)
+            }
+            Reader::Rigs => {
+                fs::write(&path, bytes).unwrap();
+                let names = ["left/a.png", "right/a.png"].map(str::to_owned);
+                said(Rig::of(folder, &names, false)).flatten().is_some_and(|rig| {
+                    assert!(rig.cameras.iter().all(|prefix| names.iter().any(|name| name.starts_with(prefix))));
+                    assert!(
+                        names.iter().all(|name| rig.camera_of(name).is_none_or(|camera| camera < rig.cameras.len()))
+                    );
+                    true
+                })
             }
             Reader::Depth => said(depth_map(bytes)).is_some(),
             Reader::Path => {

@@ -1,0 +1,2 @@
+#![no_main]
+faults::reader!("colmap: rigs.bin");

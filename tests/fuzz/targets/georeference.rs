@@ -1,0 +1,2 @@
+#![no_main]
+faults::reader!("origin: georeference.json");

@@ -1,0 +1,2 @@
+#![no_main]
+faults::reader!("photo: images/a.exr");
