@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::values;
 use crate::job::Error;
-use crate::synth::{self, Effect, Kind, SynthOptions};
+use crate::synth::{self, Calibration, Effect, Kind, SynthOptions};
 use crate::wording::counted;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -12,7 +12,8 @@ const EXAMPLES: &str = "Examples:
   qirf-vk synth capture
   qirf-vk synth capture --views 100 --size 640x480 --effects exposure,distortion
   qirf-vk synth land --kind terrain --views 96 --size 320x240
-  qirf-vk synth walk --kind panorama --views 24";
+  qirf-vk synth walk --kind panorama --views 24
+  qirf-vk synth dots --kind dots --size 640x480 --lens FOV:450,455,320,240,0.7";
 
 /// Make a synthetic capture: a COLMAP project with photos, cameras and points.
 #[derive(Debug, clap::Args)]
@@ -21,7 +22,7 @@ pub(super) struct Arguments {
     /// Folder to write: new, empty, or an earlier synthetic capture
     dir: PathBuf,
     /// Kind of scene
-    #[arg(long, value_name = "plaza|terrain|panorama", default_value = "plaza", value_parser = values::one_of::<Kind>("a kind of scene"))]
+    #[arg(long, value_name = "plaza|terrain|panorama|dots", default_value = "plaza", value_parser = values::one_of::<Kind>("a kind of scene"))]
     kind: Kind,
     /// Number of photos
     #[arg(long, value_name = "N", default_value_t = 48, value_parser = values::whole::<usize>)]
@@ -32,9 +33,12 @@ pub(super) struct Arguments {
     /// Random seed: the same seed gives the same bytes
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = values::whole::<u64>)]
     seed: u64,
-    /// Largest number of points in the capture
-    #[arg(long, value_name = "N", default_value_t = SynthOptions::default().points, value_parser = values::whole::<usize>)]
-    points: usize,
+    /// Lens of all photos: a camera model of COLMAP and its parameters, in pixels and in COLMAP's order [default: a pinhole]
+    #[arg(long, value_name = "MODEL:P,P,...")]
+    lens: Option<String>,
+    /// Largest number of points in the capture [default: 6000; of dots 400]
+    #[arg(long, value_name = "N", value_parser = values::whole::<usize>)]
+    points: Option<usize>,
     /// Also write depth/*.npy: the depth at the centre of each pixel, along the camera's axis, or along the ray in panoramas
     #[arg(long)]
     depth: bool,
@@ -53,13 +57,15 @@ impl Arguments {
         let effects = self.effects.iter().filter(|e| !e.trim().is_empty()).map(|e| e.parse());
         let usual = if self.kind == Kind::Panorama { (512, 256) } else { (240, 180) };
         let (width, height) = self.size.unwrap_or(usual);
+        let points = if self.kind == Kind::Dots { 400 } else { SynthOptions::default().points };
         let options = SynthOptions {
             kind: self.kind,
             views: self.views,
             width,
             height,
             seed: self.seed,
-            points: self.points,
+            lens: self.lens.as_deref().map(str::parse::<Calibration>).transpose()?,
+            points: self.points.unwrap_or(points),
             depth: self.depth,
             effects: effects.collect::<Result<_, synth::Error>>()?,
         };

@@ -9,6 +9,7 @@ use super::{
     lens::Lens,
     path::{Device, View},
 };
+use crate::scene::lens::LensModel;
 
 /// A point with its colour and the photos that see it.
 pub(super) struct Point {
@@ -44,18 +45,15 @@ fn cameras(devices: &[Device]) -> String {
         "# Camera list with one line of data per camera:\n#   CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n",
     );
     for (i, d) in devices.iter().enumerate() {
-        let (model, terms) = match d.lens {
-            Lens::Pinhole => ("PINHOLE", vec![]),
-            Lens::OpenCv { k1, k2, p1, p2 } => ("OPENCV", vec![k1, k2, p1, p2]),
-            Lens::Fisheye { k } => ("OPENCV_FISHEYE", k.to_vec()),
-            Lens::Panorama => ("EQUIRECTANGULAR", vec![]),
+        let (model, parameters) = match d.lens {
+            Lens::Panorama => (LensModel::Equirectangular, vec![f64::from(d.width), f64::from(d.height)]),
+            Lens::Front(model, k) => {
+                let plane = [&d.focal.to_array()[..model.focal_lengths()], &d.principal.to_array()].concat();
+                (model, plane.into_iter().chain(k).take(model.parameters()).collect())
+            }
         };
-        let _ = write!(text, "{} {model} {} {}", i + 1, d.width, d.height);
-        let plane = match d.lens {
-            Lens::Panorama => vec![f64::from(d.width), f64::from(d.height)],
-            _ => vec![d.focal.x, d.focal.y, d.principal.x, d.principal.y],
-        };
-        for value in plane.into_iter().chain(terms) {
+        let _ = write!(text, "{} {} {} {}", i + 1, model.name(), d.width, d.height);
+        for value in parameters {
             let _ = write!(text, " {value}");
         }
         text.push('\n');

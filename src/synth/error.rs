@@ -18,6 +18,15 @@ pub enum Error {
     /// An effect that scenes of this kind do not have.
     #[error("a scene of kind {kind} has no effect \"{effect}\"")]
     NotThere { effect: Effect, kind: Kind },
+    /// A lens that is not known, or whose parameters no camera has.
+    #[error("lens: {0}")]
+    Lens(String),
+    /// An option beside which there can be no lens.
+    #[error("a lens of its own excludes {0}")]
+    Lenses(String),
+    /// Depth maps of a scene of dots.
+    #[error("a scene of kind dots has no surfaces, and no depth maps")]
+    NoDepth,
     /// A panorama of another shape.
     #[error("a panorama is twice as wide as high, as 512x256 is, not {width}x{height}")]
     NoPanorama { width: u32, height: u32 },

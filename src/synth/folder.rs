@@ -88,6 +88,9 @@ pub(super) fn mark(dir: &Path, options: &SynthOptions, views: &[View], complete:
     if options.kind != Kind::default() {
         text["options"]["kind"] = options.kind.name().into();
     }
+    if let Some(lens) = &options.lens {
+        text["options"]["lens"] = lens.to_string().into();
+    }
     let path = dir.join(MARK);
     fs::write(&path, format!("{text:#}\n")).map_err(Error::io(&path))
 }

@@ -7,6 +7,7 @@
 mod builder;
 mod bvh;
 mod colmap;
+mod dots;
 mod error;
 mod folder;
 mod geometry;
@@ -31,14 +32,15 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use self::{colmap::Point, path::View, place::Place, render::Picture};
 pub use self::{
     error::Error,
+    lens::Calibration,
     options::{Effect, Kind, SynthOptions},
 };
-use self::{path::View, place::Place, render::Picture};
 
 /// Counts of a synthetic capture.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,7 +67,7 @@ pub struct SynthReport {
 /// Options out of range, a folder that holds anything else (nothing is written then), or a file that cannot be written.
 pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)) -> Result<SynthReport, Error> {
     options.check()?;
-    let devices = path::devices(options);
+    let devices = path::devices(options)?;
     let views = path::views(options, &devices);
     folder::prepare(dir)?;
     folder::mark(dir, options, &views, false)?;
@@ -76,8 +78,53 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
         }
     }
 
+    let (points, masked) = match options.kind {
+        Kind::Dots => (dotted(dir, &views, options, progress)?, 0.0),
+        _ => traced(dir, &views, options, progress)?,
+    };
+    colmap::write(&dir.join("sparse/0"), &devices, &views, &points)?;
+    folder::mark(dir, options, &views, true)?;
+    Ok(SynthReport {
+        photos: views.len(),
+        test_photos: (0..views.len()).filter(|&i| View::is_test(i)).count(),
+        points: points.len(),
+        observations: points.iter().map(|p| p.seen.len()).sum(),
+        masked,
+        effects: options.sorted_effects(),
+    })
+}
+
+/// Writes photos of dots, and returns the dots that they show.
+fn dotted(
+    dir: &Path,
+    views: &[View],
+    options: &SynthOptions,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<Vec<Point>, Error> {
+    let (places, done) = (dots::places(options.points), AtomicU64::new(0));
+    let photo = |view: &View| {
+        let (photo, shown) = dots::picture(view, &places);
+        save(dir, view, &photo, options)?;
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+        Ok(shown)
+    };
+    let shown: Vec<Vec<Option<DVec2>>> = views.par_iter().map(photo).collect::<Result<_, Error>>()?;
+    let point = |(i, position): (usize, &DVec3)| {
+        let seen = shown.iter().enumerate().filter_map(|(view, dots)| Some((view, dots[i]?))).collect();
+        Point { position: *position, colour: [255; 3], seen }
+    };
+    Ok(places.iter().enumerate().map(point).filter(|point| !point.seen.is_empty()).collect())
+}
+
+/// Writes ray-traced photos, with masks and depth maps; returns surface points, and the share of the photos' pixels that masks hide.
+fn traced(
+    dir: &Path,
+    views: &[View],
+    options: &SynthOptions,
+    progress: &(dyn Fn(u64) + Sync),
+) -> Result<(Vec<Point>, f64), Error> {
     let place = Place::new(options);
-    let mut candidates = points::candidates(&place, &views, options);
+    let mut candidates = points::candidates(&place, views, options);
     let mut wanted: Vec<Vec<DVec2>> = vec![Vec::new(); views.len()];
     for candidate in &candidates {
         for &(view, pixel) in &candidate.seen {
@@ -101,7 +148,7 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
     // Candidates list their views in the order in which each view listed its pixels.
     let mut next = vec![0usize; views.len()];
     let needed = 2.min(views.len());
-    let points: Vec<_> = candidates
+    let points = candidates
         .drain(..)
         .filter_map(|candidate| {
             let (mut sum, mut seen) = ([0.0; 3], Vec::with_capacity(candidate.seen.len()));
@@ -114,19 +161,10 @@ pub fn write(dir: &Path, options: &SynthOptions, progress: &(dyn Fn(u64) + Sync)
                 }
             }
             let colour = sum.map(|s: f32| (s / seen.len().max(1) as f32 + 0.5) as u8);
-            (seen.len() >= needed).then_some(colmap::Point { position: candidate.position, colour, seen })
+            (seen.len() >= needed).then_some(Point { position: candidate.position, colour, seen })
         })
         .collect();
-    colmap::write(&dir.join("sparse/0"), &devices, &views, &points)?;
-    folder::mark(dir, options, &views, true)?;
-    Ok(SynthReport {
-        photos: views.len(),
-        test_photos: (0..views.len()).filter(|&i| View::is_test(i)).count(),
-        points: points.len(),
-        observations: points.iter().map(|p| p.seen.len()).sum(),
-        masked,
-        effects: options.sorted_effects(),
-    })
+    Ok((points, masked))
 }
 
 /// A file of NumPy: its header fills a multiple of 64 bytes.

@@ -1,6 +1,6 @@
 //! Options of the synthetic scene.
 
-use super::Error;
+use super::{Error, lens::Calibration};
 use crate::wording::named;
 use std::str::FromStr;
 
@@ -68,14 +68,17 @@ named! {
         Terrain = "terrain",
         /// The plaza in equirectangular panoramas, from a walk among its objects
         Panorama = "panorama",
+        /// White dots on black all around, whose places are the points: to measure lenses
+        Dots = "dots",
     }
 }
 
 impl Kind {
-    /// True if an effect belongs to the plaza's objects, or to the distances of its cameras.
+    /// True if an effect belongs to objects, cameras or lenses that scenes of this kind do not have.
     const fn lacks(self, effect: Effect) -> bool {
         match self {
             Self::Plaza => false,
+            Self::Dots => true,
             Self::Terrain => matches!(effect, Effect::Masks | Effect::Scales | Effect::Alpha | Effect::Fisheye),
             // One lens, which is no other, on one path.
             Self::Panorama => {
@@ -89,7 +92,7 @@ impl Kind {
 }
 
 /// Options of the synthetic scene: equal options give equal bytes, on any number of threads.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct SynthOptions {
     /// The subject of the photos.
     pub kind: Kind,
@@ -101,6 +104,8 @@ pub struct SynthOptions {
     pub height: u32,
     /// Seed of all random numbers: camera jitter, sampling, scattered objects.
     pub seed: u64,
+    /// The lens of all photos; by default that of the kind and the effects.
+    pub lens: Option<Calibration>,
     /// Greatest number of points in `points3D.txt`, 0..=1,000,000; there are fewer if cameras see too little.
     pub points: usize,
     /// True to write depth maps, too.
@@ -117,6 +122,7 @@ impl Default for SynthOptions {
             width: 240,
             height: 180,
             seed: 1,
+            lens: None,
             points: 6000,
             depth: false,
             effects: Vec::new(),
@@ -151,6 +157,18 @@ impl SynthOptions {
         }
         if let Some(effect) = self.effects.iter().find(|effect| self.kind.lacks(**effect)) {
             return Err(Error::NotThere { effect: *effect, kind: self.kind });
+        }
+        if self.kind == Kind::Dots && self.depth {
+            return Err(Error::NoDepth);
+        }
+        if self.lens.is_some() {
+            let lenses = [Effect::Distortion, Effect::Fisheye, Effect::Cameras];
+            if let Some(effect) = lenses.into_iter().find(|effect| self.has(*effect)) {
+                return Err(Error::Lenses(format!("the effect \"{effect}\"")));
+            }
+            if self.kind == Kind::Panorama {
+                return Err(Error::Lenses("the kind panorama".to_owned()));
+            }
         }
         if self.kind == Kind::Panorama && self.width != 2 * self.height {
             return Err(Error::NoPanorama { width: self.width, height: self.height });

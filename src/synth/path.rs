@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec2, DVec3, Vec3};
 
 use super::{
-    Effect, Kind, SynthOptions,
+    Effect, Error, Kind, SynthOptions,
     geometry::{Ray, Solid},
     lens::Lens,
     materials::Paint,
@@ -14,6 +14,7 @@ use super::{
     terrain,
 };
 use crate::scene::camera::Camera;
+use crate::scene::lens::LensModel;
 
 /// Elevations of the three rings above the target, in degrees.
 const RINGS: [f64; 3] = [6.0, 18.0, 34.0];
@@ -27,9 +28,11 @@ const FIELD: f64 = 26.0;
 const SCALES: [f64; 3] = [0.45, 1.0, 2.2];
 
 /// Moves the corners of a picture inwards by about 7 pixels of 240.
-pub(super) const OPENCV: Lens = Lens::OpenCv { k1: -0.2, k2: 0.05, p1: 0.005, p2: -0.004 };
+pub(super) const OPENCV: Lens =
+    Lens::Front(LensModel::OpenCv, [-0.2, 0.05, 0.005, -0.004, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
 /// Nearly equidistant.
-pub(super) const FISHEYE: Lens = Lens::Fisheye { k: [-0.02, 0.008, -0.002, 0.0005] };
+pub(super) const FISHEYE: Lens =
+    Lens::Front(LensModel::OpenCvFisheye, [-0.02, 0.008, -0.002, 0.0005, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
 
 /// Size and intrinsics of a device that took photos.
 #[derive(Clone, Debug, PartialEq)]
@@ -80,18 +83,26 @@ impl View {
 }
 
 /// The devices that the options require.
-pub(super) fn devices(options: &SynthOptions) -> Vec<Device> {
+///
+/// # Errors
+/// [`Error::Lens`] for a lens that there cannot be.
+pub(super) fn devices(options: &SynthOptions) -> Result<Vec<Device>, Error> {
+    if let Some(calibration) = &options.lens {
+        let (width, height) = (options.width, options.height);
+        let (focal, principal, lens) = calibration.device(width, height)?;
+        return Ok(vec![Device { width, height, focal, principal, lens }]);
+    }
     let (lens, field) = if options.has(Effect::Fisheye) {
         (FISHEYE, FIELD * 1.3)
     } else {
         let field = if options.kind == Kind::Terrain { terrain::FIELD } else { FIELD };
-        (if options.has(Effect::Distortion) { OPENCV } else { Lens::Pinhole }, field)
+        (if options.has(Effect::Distortion) { OPENCV } else { Lens::PINHOLE }, field)
     };
     if options.kind == Kind::Panorama {
         let (width, height) = (options.width, options.height);
         let size = DVec2::new(f64::from(width), f64::from(height));
         let (focal, principal) = (size / DVec2::new(TAU, PI), 0.5 * size);
-        return vec![Device { width, height, focal, principal, lens: Lens::Panorama }];
+        return Ok(vec![Device { width, height, focal, principal, lens: Lens::Panorama }]);
     }
     let device = |width: u32, height: u32, zoom: f64, shift: DVec2| {
         let (w, h) = (f64::from(width), f64::from(height));
@@ -104,14 +115,14 @@ pub(super) fn devices(options: &SynthOptions) -> Vec<Device> {
     };
     let (w, h) = (options.width, options.height);
     if !options.has(Effect::Cameras) {
-        return vec![device(w, h, 1.0, DVec2::ZERO)];
+        return Ok(vec![device(w, h, 1.0, DVec2::ZERO)]);
     }
     let small = |n: u32| (n * 3 / 4).max(16);
-    vec![
+    Ok(vec![
         device(w, h, 1.0, DVec2::ZERO),
         device(h, w, 0.95, DVec2::new(0.01, -0.015)),
         device(small(w), small(h), 1.15, DVec2::new(-0.02, 0.01)),
-    ]
+    ])
 }
 
 /// All views: a drone's lines over the terrain, or three interleaved rings round the plaza, so that every 8th view falls on each ring
@@ -126,7 +137,7 @@ fn view(options: &SynthOptions, devices: &[Device], i: usize) -> View {
     let ([eye, target, up], turn) = match options.kind {
         Kind::Plaza => ring(options, i),
         Kind::Terrain => (terrain::pose(options, i), 0.0),
-        Kind::Panorama => (walk(options, i), 0.0),
+        Kind::Panorama | Kind::Dots => (walk(options, i), 0.0),
     };
     let device_index = if devices.len() > 1 { third } else { 0 };
     let device = &devices[device_index];

@@ -28,7 +28,7 @@ impl Place {
     pub fn new(options: &SynthOptions) -> Self {
         let mut b = Builder { solids: Vec::new(), surfaces: Vec::new() };
         let ground = match options.kind {
-            Kind::Plaza | Kind::Panorama => {
+            Kind::Plaza | Kind::Panorama | Kind::Dots => {
                 plaza::build(&mut b, options.seed);
                 Ground::PLAZA
             }

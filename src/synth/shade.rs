@@ -197,10 +197,8 @@ impl World<'_> {
         let albedo = match thing {
             Thing::Solid(i) => painted(&self.place.solids[i as usize], self.place.surfaces[i as usize].paint),
             Thing::Mover(i) => painted(&self.mover[i as usize].0, self.mover[i as usize].1),
-            Thing::Floor => match self.place.ground.kind {
-                Kind::Plaza | Kind::Panorama => materials::floor(p),
-                Kind::Terrain => terrain::ground(p),
-            },
+            Thing::Floor if self.place.ground.kind == Kind::Terrain => terrain::ground(p),
+            Thing::Floor => materials::floor(p),
             Thing::Sky => return Vec3::ZERO,
         };
         albedo * (SUN * sun + sky::ambient(normal) * open)

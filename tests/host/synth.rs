@@ -1,6 +1,7 @@
 //! The synthetic scene: its bytes, its geometry, and the trace of each effect.
 
 mod colmap;
+mod dots;
 mod files;
 mod geometry;
 mod panorama;

@@ -65,17 +65,8 @@ impl Lens {
             return Self::panorama(width, height);
         }
         let mut distortion = Distortion::default();
-        let (single, rest) = match model {
-            LensModel::SimplePinhole
-            | LensModel::SimpleRadial
-            | LensModel::Radial
-            | LensModel::SimpleRadialFisheye
-            | LensModel::RadialFisheye
-            | LensModel::SimpleDivision
-            | LensModel::SimpleFisheye => (true, &p[3..]),
-            _ => (false, &p[4..]),
-        };
-        match (model, rest) {
+        let lengths = model.focal_lengths();
+        match (model, &p[lengths + 2..]) {
             (LensModel::OpenCv, &[k1, k2, p1, p2]) => {
                 distortion.radial[..2].copy_from_slice(&[k1, k2]);
                 distortion.tangential = [p1, p2];
@@ -105,11 +96,7 @@ impl Lens {
         if model.is_fisheye() {
             distortion.curve = Curve::Angle;
         }
-        let (focal, principal) = if single {
-            (DVec2::splat(p[0]), DVec2::new(p[1], p[2]))
-        } else {
-            (DVec2::new(p[0], p[1]), DVec2::new(p[2], p[3]))
-        };
+        let (focal, principal) = (DVec2::new(p[0], p[lengths - 1]), DVec2::new(p[lengths], p[lengths + 1]));
         let [width, height] = [width, height].map(saturated);
         Self { model, width, height, focal, principal, distortion }.checked()
     }

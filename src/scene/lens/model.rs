@@ -52,6 +52,21 @@ impl LensModel {
         PARAMETERS[self as usize]
     }
 
+    /// Number of focal lengths among them, which come first: one for both axes, or two; the principal point follows.
+    pub fn focal_lengths(self) -> usize {
+        let single = matches!(
+            self,
+            Self::SimplePinhole
+                | Self::SimpleRadial
+                | Self::Radial
+                | Self::SimpleRadialFisheye
+                | Self::RadialFisheye
+                | Self::SimpleDivision
+                | Self::SimpleFisheye
+        );
+        if single { 1 } else { 2 }
+    }
+
     /// True if its radius is the ray's angle.
     pub fn is_fisheye(self) -> bool {
         matches!(
