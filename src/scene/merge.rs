@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     fn point(position: DVec3, view: u32) -> Point {
-        Point { position, colour: [view as u8; 3], error: 0.0, track: vec![view] }
+        Point { position, normal: None, colour: [view as u8; 3], error: 0.0, track: vec![view] }
     }
 
     fn place_of(i: u32) -> DVec3 {

@@ -72,6 +72,8 @@ pub enum SceneKind {
 pub struct Point {
     /// Position in world coordinates.
     pub position: DVec3,
+    /// Unit normal of the surface there, to either side; none if it is not known.
+    pub normal: Option<DVec3>,
     /// Red, green, blue.
     pub colour: [u8; 3],
     /// Mean reprojection error in pixels; 0 where the format has none.

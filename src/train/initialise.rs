@@ -7,7 +7,7 @@ use crate::random::uniform;
 use crate::render::Settings;
 use crate::scene::camera::Camera;
 use crate::scene::{ONE_PLACE, Photo, Point, USUAL_DISTANCE};
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 use rstar::RTree;
 use rstar::primitives::GeomWithData;
@@ -15,6 +15,8 @@ use std::io;
 
 /// Initial opacity.
 const OPACITY: f64 = 0.1;
+/// Thickness of a Gaussian on a point with a normal, as a share of its width.
+const FLATNESS: f64 = 0.1;
 /// Floor of the mean squared distance to the nearest neighbours, in square world units.
 const LEAST_SQUARED_DISTANCE: f64 = 1e-7;
 /// Depths tried along a random ray; the one at which the photos agree best is taken.
@@ -40,13 +42,16 @@ const NEAR_LEEWAY: f64 = 1.001;
 pub struct Seed {
     /// World coordinates.
     pub position: DVec3,
+    /// Unit normal of the surface there; none if it is not known.
+    pub normal: Option<DVec3>,
     /// Red, green, blue.
     pub colour: DVec3,
 }
 
 impl From<&Point> for Seed {
     fn from(point: &Point) -> Self {
-        Self { position: point.position, colour: DVec3::from(point.colour.map(f64::from)) / 255.0 }
+        let colour = DVec3::from(point.colour.map(f64::from)) / 255.0;
+        Self { position: point.position, normal: point.normal, colour }
     }
 }
 
@@ -55,8 +60,8 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
     from_points_in(points, 1.0)
 }
 
-/// Isotropic Gaussians on points: their scale is the distance of the three nearest neighbours, opacity 0.1, SH degree 0. `unit` is
-/// the scene's size in usual ones.
+/// Gaussians on points: their scale is the distance of the three nearest neighbours, opacity 0.1, SH degree 0. They are balls, or, on
+/// points with a normal, flat along it. `unit` is the scene's size in usual ones.
 pub fn from_points_in(points: &[Seed], unit: f64) -> Gaussians {
     let least = LEAST_SQUARED_DISTANCE * unit * unit;
     let entry = |(i, p): (usize, &Seed)| GeomWithData::new(p.position.to_array(), i);
@@ -75,8 +80,17 @@ pub fn from_points_in(points: &[Seed], unit: f64) -> Gaussians {
     };
     let logit = (OPACITY / (1.0 - OPACITY)).ln() as f32;
     let means = points.iter().map(|p| p.position.as_vec3().to_array()).collect();
+    let scales = |(i, p): (usize, &Seed)| {
+        let scale = log_scale(i, p);
+        [scale, scale, scale + if p.normal.is_some() { FLATNESS.ln() as f32 } else { 0.0 }]
+    };
+    let turn = |p: &Seed| {
+        let turn = p.normal.map_or(DQuat::IDENTITY, |normal| DQuat::from_rotation_arc(DVec3::Z, normal)).as_quat();
+        [turn.w, turn.x, turn.y, turn.z]
+    };
     Gaussians {
-        log_scales: points.par_iter().enumerate().map(|(i, p)| [log_scale(i, p); 3]).collect(),
+        log_scales: points.par_iter().enumerate().map(scales).collect(),
+        rotations: points.iter().map(turn).collect(),
         sh: vec![points.iter().flat_map(|p| ((p.colour - 0.5) / SH_C0).as_vec3().to_array()).collect()],
         ..Gaussians::balls(means, 0.0, logit, 0)
     }
@@ -159,7 +173,7 @@ impl Search<'_> {
             }
             let Some((disagreement, colour)) = self.agreement(position, key)? else { continue };
             if best.as_ref().is_none_or(|(least, _)| disagreement < *least) {
-                best = Some((disagreement, Seed { position, colour }));
+                best = Some((disagreement, Seed { position, normal: None, colour }));
             }
         }
         // A point that one camera sees well may lie right before the lens of another.

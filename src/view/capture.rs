@@ -32,7 +32,7 @@ pub fn model(scene: &Scene, test: &[usize], marked: &[&str]) -> Gaussians {
     let near: Vec<&Point> = scene.points.iter().filter(|point| place(point.position).length() < FAR * EXTENT).collect();
     let thinned = near.iter().step_by(near.len().div_ceil(POINTS).max(1));
     let seeds: Vec<Seed> =
-        thinned.map(|point| Seed { position: place(point.position), ..Seed::from(*point) }).collect();
+        thinned.map(|point| Seed { position: place(point.position), normal: None, ..Seed::from(*point) }).collect();
     let mut model = from_points(&seeds);
     let most = (POINT * EXTENT).ln() as f32;
     model.log_scales.iter_mut().flatten().for_each(|scale| *scale = scale.min(most));
@@ -46,8 +46,11 @@ pub fn model(scene: &Scene, test: &[usize], marked: &[&str]) -> Gaussians {
             lines.push((corners[k], corners[k % 4 + 1], COLOURS[kind]));
         }
     }
-    let middle =
-        |(a, b, colour): &(DVec3, DVec3, [f64; 3])| Seed { position: 0.5 * (*a + *b), colour: DVec3::from(*colour) };
+    let middle = |(a, b, colour): &(DVec3, DVec3, [f64; 3])| Seed {
+        position: 0.5 * (*a + *b),
+        normal: None,
+        colour: DVec3::from(*colour),
+    };
     let seeds: Vec<Seed> = lines.iter().map(middle).collect();
     let mut drawn = from_points(&seeds);
     for (i, (a, b, _)) in lines.iter().enumerate() {

@@ -11,7 +11,7 @@ use std::time::Instant;
 fn points(count: usize, seed: u64) -> Vec<Seed> {
     let mut r = Random(seed);
     let mut draw = |low, high| DVec3::from([0; 3].map(|_| r.within(low, high)));
-    (0..count).map(|_| Seed { position: draw(-3.0, 3.0), colour: draw(0.0, 1.0) }).collect()
+    (0..count).map(|_| Seed { position: draw(-3.0, 3.0), normal: None, colour: draw(0.0, 1.0) }).collect()
 }
 
 #[test]
@@ -38,6 +38,21 @@ fn scales_are_distances_to_three_neighbours() {
                 let colour = 0.28209479177387814 * f64::from(model.sh[0][3 * i + c]) + 0.5;
                 assert!((colour - p.colour[c]).abs() < 1e-6);
             }
+        }
+    }
+}
+
+#[test]
+fn points_with_normals_are_flat_along_them() {
+    let balls = from_points(&points(50, 4));
+    for normal in [DVec3::Z, DVec3::NEG_Z, DVec3::new(0.6, 0.0, -0.8), DVec3::NEG_Y] {
+        let seeds: Vec<Seed> = points(50, 4).into_iter().map(|p| Seed { normal: Some(normal), ..p }).collect();
+        let model = from_points(&seeds);
+        for i in 0..model.len() {
+            let ([x, y, z], [w, a, b, c]) = (model.log_scales[i], model.rotations[i]);
+            assert!([x, y] == [balls.log_scales[i][0]; 2] && (z - x - 0.1_f32.ln()).abs() < 1e-5);
+            let thin = glam::Quat::from_xyzw(a, b, c, w) * glam::Vec3::Z;
+            assert!(thin.dot(normal.as_vec3()).abs() > 1.0 - 1e-6, "{thin} {normal}");
         }
     }
 }

@@ -201,7 +201,11 @@ fn a_run_from_an_antialiased_model_is_antialiased() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let [smooth, out] = ["smooth.ply", "out"].map(|name| folder.path().join(name));
-    let seed = |x: f64| qirf_vk::train::initialise::Seed { position: glam::DVec3::X * x, colour: glam::DVec3::ONE };
+    let seed = |x: f64| qirf_vk::train::initialise::Seed {
+        position: glam::DVec3::X * x,
+        normal: None,
+        colour: glam::DVec3::ONE,
+    };
     let few = qirf_vk::train::initialise::from_points(&[-0.5, 0.0, 0.5, 1.0].map(seed));
     formats::write(&smooth, &few, RenderMode::AntiAliased).unwrap();
     for (more, antialias, says) in [
@@ -299,6 +303,7 @@ fn eval_refuses_what_it_cannot_score() {
     refused(3, "model.ply", &[model.as_ref(), scene.as_ref()]);
     let one = qirf_vk::train::initialise::from_points(&[qirf_vk::train::initialise::Seed {
         position: glam::DVec3::ZERO,
+        normal: None,
         colour: glam::DVec3::ONE,
     }]);
     qirf_vk::gaussians::formats::write(&model, &one, qirf_vk::gaussians::formats::RenderMode::Plain).unwrap();

@@ -232,7 +232,7 @@ fn points(v: usize, view: &View, map: &DepthMap, most: usize) -> Vec<Point> {
         let depth = map.at(x, y)?;
         let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
         let position = camera.rotation.transpose() * (camera.ray(pixel) * depth - camera.translation);
-        Some(Point { position, colour: [0; 3], error: 0.0, track: vec![v as u32] })
+        Some(Point { position, normal: None, colour: [0; 3], error: 0.0, track: vec![v as u32] })
     };
     places.filter_map(point).collect()
 }

@@ -67,6 +67,7 @@ struct ListedView {
 /// A point whose track still refers to views by their ids.
 struct ListedPoint {
     position: DVec3,
+    normal: Option<DVec3>,
     colour: [u8; 3],
     error: f32,
     track: Vec<u32>,
@@ -158,7 +159,8 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
             track.retain(|v| views[*v as usize].face.is_none() || views[*v as usize].camera.shows(point.position));
             track.sort_unstable();
             track.dedup();
-            Point { position: point.position, colour: point.colour, error: point.error, track }
+            let ListedPoint { position, normal, colour, error, .. } = point;
+            Point { position, normal, colour, error, track }
         })
         .collect();
     let listed = points.len();

@@ -1,4 +1,4 @@
-//! Point clouds in PLY files, which nerfstudio puts beside its transforms.json: positions and colours only.
+//! Point clouds in PLY files, which nerfstudio puts beside its transforms.json: positions, normals and colours.
 
 use std::path::Path;
 
@@ -24,6 +24,10 @@ fn points(bytes: &[u8]) -> Result<Vec<ListedPoint>, Fault> {
     let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(|name| vertices.find(name)) else {
         return Err(malformed("the header", "its vertices have no x, y and z"));
     };
+    let normal = match ["nx", "ny", "nz"].map(|name| vertices.find(name)) {
+        [Some(x), Some(y), Some(z)] => Some([x, y, z]),
+        _ => None,
+    };
     let colour = Colour::of(vertices);
     let rows = || vertices.rows().chunks_exact(vertices.stride);
     let shown: Vec<[f64; 3]> = rows().map(|row| colour.shown(row)).collect();
@@ -32,6 +36,8 @@ fn points(bytes: &[u8]) -> Result<Vec<ListedPoint>, Fault> {
     let white = if brightest > MOST_SHARE { 1.0 } else { 255.0 };
     let point = |(row, shown): (&[u8], [f64; 3])| ListedPoint {
         position: DVec3::new(x.value(row), y.value(row), z.value(row)),
+        // Models of Gaussians have zeros here.
+        normal: normal.and_then(|columns| DVec3::from_array(columns.map(|c| c.value(row))).try_normalize()),
         colour: shown.map(|c| (c * white).round() as u8), // saturates; NaN gives 0
         error: 0.0,
         track: Vec::new(),

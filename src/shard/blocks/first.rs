@@ -37,6 +37,7 @@ mod tests {
     fn blocks_begin_with_points_where_there_are_enough() {
         let point = |i: usize| Point {
             position: DVec3::new(i as f64 - 50.0, 0.0, 0.0),
+            normal: None,
             colour: [9; 3],
             error: 0.0,
             track: Vec::new(),

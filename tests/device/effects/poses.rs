@@ -87,8 +87,12 @@ fn trainer(
         ..Options::default()
     };
     let colour = |c: [u8; 3]| DVec3::from(c.map(f64::from)) / 255.0;
-    let seeds: Vec<_> =
-        prepared.scene.points.iter().map(|p| Seed { position: p.position, colour: colour(p.colour) }).collect();
+    let seeds: Vec<_> = prepared
+        .scene
+        .points
+        .iter()
+        .map(|p| Seed { position: p.position, normal: None, colour: colour(p.colour) })
+        .collect();
     let made = match snapshot {
         Some(snapshot) => Trainer::resume(device, snapshot, prepared.train, prepared.extent, options),
         None => Trainer::new(device, &from_points(&seeds), prepared.train, prepared.extent, options),

@@ -36,6 +36,7 @@ pub(crate) fn capture() -> &'static Capture {
         let photo = |&i: &usize| photos[i].clone();
         let seed = |p: &qirf_vk::scene::Point| Seed {
             position: p.position,
+            normal: None,
             colour: DVec3::from(p.colour.map(|c| f64::from(c) / 255.0)),
         };
         let seeds: Vec<Seed> = scene.points.iter().map(seed).collect();

@@ -141,6 +141,18 @@ fn clouds_beside_cameras_are_read() {
 }
 
 #[test]
+fn normals_of_clouds_are_read() {
+    let head = CLOUD.replace("end_header\n", "property float nx\nproperty float ny\nproperty float nz\nend_header\n");
+    let rows = head.replace("4 5 6\n", "4 5 6 0 0 -2\n");
+    let rows = rows.replacen("0 0 -2", "0 0 0", 1).replacen("0 0 -2", "nan 0 0", 1); // a model's, and no direction
+    let scene = capture(&NAMES, &NAMES);
+    fs::remove_file(scene.path().join("sparse/0/points3D.txt")).unwrap();
+    write(scene.path(), [("points3D.ply", rows.into_bytes())]);
+    let normals: Vec<_> = open(scene.path()).points.iter().map(|point| point.normal).collect();
+    assert_eq!(normals, [None, None, Some(glam::DVec3::NEG_Z)]);
+}
+
+#[test]
 fn masks_are_found_under_the_names_that_tools_give_them() {
     for mask in [
         "masks/a.png.mask.png",

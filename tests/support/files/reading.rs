@@ -144,7 +144,7 @@ fn model<E: std::fmt::Display>(bytes: usize, read: Result<Loaded, E>, folder: &P
     true
 }
 
-/// Checks for finite cameras, tracks within the views, and photos with their cameras' sizes.
+/// Checks for finite cameras, tracks within the views, and photos with their cameras' sizes. Returns true if every photo and mask was used.
 pub fn scene(folder: &Path) -> bool {
     let Some(mut scene) = said(Scene::open(folder, &OpenOptions::default())) else { return false };
     for view in &scene.views {
@@ -174,7 +174,7 @@ pub fn scene(folder: &Path) -> bool {
         assert_eq!(photo.camera, camera);
         assert_eq!(photo.pixels.len(), 4 * (camera.width * camera.height) as usize);
     }
-    photos.len() == listed
+    photos.len() == listed && scene.skipped.damaged_masks.count == 0
 }
 
 /// Views that were dropped before any photo was decoded.

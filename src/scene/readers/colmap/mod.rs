@@ -172,7 +172,8 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     for row in points {
         let position = DVec3::from_array(row.position);
         if pose::is_place(position) {
-            kept.push(ListedPoint { position, colour: row.colour, error: row.error as f32, track: row.track });
+            let (colour, error) = (row.colour, row.error as f32);
+            kept.push(ListedPoint { position, normal: None, colour, error, track: row.track });
         } else {
             skipped.bad_points += 1;
         }
