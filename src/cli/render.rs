@@ -72,10 +72,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "X,Y,Z", help_heading = "Cameras", requires = "panorama", value_parser = values::point, allow_hyphen_values = true)]
     at: Option<DVec3>,
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
-    #[arg(long, value_name = "W|/K", help_heading = "Cameras", value_parser = values::resolution, requires = "scene", conflicts_with = "panorama")]
+    #[arg(long, value_name = "W|/K", help_heading = "Cameras", value_parser = values::resolution, requires = "scene", conflicts_with_all = ["orbit", "panorama"])]
     resolution: Option<Resize>,
     /// Photo folder, such as images_4, whose photos give the size [default: the scene's own]
-    #[arg(long, value_name = "DIR", help_heading = "Cameras", requires = "scene")]
+    #[arg(long, value_name = "DIR", help_heading = "Cameras", requires = "scene", conflicts_with = "orbit")]
     images: Option<PathBuf>,
     /// Picture size of an orbit, a path or a panorama, which is twice as wide as high [default: that of a camera path of nerfstudio,
     /// else 1280x720; 2048x1024 for a panorama]
