@@ -1,6 +1,6 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run viewer-picture viewer-speed test test-quick effects faults soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
+.PHONY: help setup run viewer-picture viewer-speed test test-quick effects faults floaters soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
 	gpu-report devices msl python-test cluster-test slurm-test
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
@@ -57,6 +57,9 @@ msl: ## translate every shader into Metal's language; needs spirv-cross (tools/s
 
 faults: ## read 10,000 damaged files of every format (minutes); kills and full disks are part of `make test`
 	cargo test --locked --test program -- --ignored --exact program::faults::mutations::ten_thousand_mutations --nocapture
+
+floaters: ## plant floaters in the shared models and remove them: the table of docs/edit.md (minutes)
+	cargo test --locked --test program -- --ignored --nocapture planted:: | grep '^|'
 
 soak: ## train, prune, resume and compress for 20,000 iterations in one process; memory must stay flat
 	cargo test --locked --test program -- --ignored --nocapture soak::

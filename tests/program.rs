@@ -18,6 +18,7 @@ mod program {
     mod faults;
     mod html;
     mod larger;
+    mod planted;
     #[cfg(unix)] // with a shell script in COLMAP's place
     mod pose;
     mod report;
