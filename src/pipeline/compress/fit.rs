@@ -19,7 +19,7 @@ use crate::response::Responses;
 use crate::scene::{Photo, camera};
 use crate::wording::counted;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 use std::path::Path;
 use std::time::Instant;
 
@@ -29,6 +29,8 @@ const JUDGES: usize = 8;
 const MOST_LOSS: f64 = 0.5;
 /// Approximate number of files that a search tries, for its progress bar.
 const TRIES: usize = 9;
+/// Maximum number of packed models in memory during a search: one may be as large as the original.
+const KEPT: usize = 3;
 
 /// Comparison of a file's pictures with those of the original.
 pub struct Judge<'a> {
@@ -175,8 +177,43 @@ struct Files<'a> {
     rungs: Vec<Precision>,
     /// Compares pictures and reports the search; without it, all files count as equal.
     judge: Option<&'a Judge<'a>>,
-    /// Packed models, by rung and Gaussians.
-    made: BTreeMap<(usize, usize), Vec<u8>>,
+    /// The largest file that may be chosen.
+    most: u64,
+    /// The last packed models that may be chosen, by rung and Gaussians.
+    made: VecDeque<((usize, usize), Vec<u8>)>,
+    /// Number of files tried.
+    tried: usize,
+}
+
+impl<'a> Files<'a> {
+    /// No file yet.
+    fn new(
+        model: &'a dyn Fn(usize) -> Gaussians,
+        (mode, judge): (RenderMode, Option<&'a Judge<'a>>),
+        (target, rungs): (&'a Target<'a>, Vec<Precision>),
+        most: u64,
+    ) -> Self {
+        Self { model, mode, target, rungs, judge, most, made: VecDeque::new(), tried: 0 }
+    }
+
+    fn pack(&self, (rung, gaussians): (usize, usize)) -> Result<Vec<u8>, Error> {
+        self.target.pack(&(self.model)(gaussians), self.mode, self.rungs[rung])
+    }
+
+    /// The packed model of a file, again if it was made long ago.
+    fn take(&mut self, file: (usize, usize)) -> Result<Vec<u8>, Error> {
+        match self.made.iter().position(|(made, _)| *made == file).and_then(|at| self.made.remove(at)) {
+            Some((_, packed)) => Ok(packed),
+            None => self.pack(file),
+        }
+    }
+
+    fn keep(&mut self, file: (usize, usize), packed: Vec<u8>) {
+        self.made.push_back((file, packed));
+        if self.made.len() > KEPT {
+            self.made.pop_front();
+        }
+    }
 }
 
 impl Trials for Files<'_> {
@@ -185,18 +222,24 @@ impl Trials for Files<'_> {
     fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, Error> {
         let watcher = self.judge.map(|judge| judge.session.watcher);
         watcher.map_or(Ok(()), Watcher::unless_stopped)?;
-        let packed = self.target.pack(&(self.model)(gaussians), self.mode, self.rungs[rung])?;
+        let packed = self.pack((rung, gaussians))?;
         let length = self.target.length(&packed);
-        self.made.insert((rung, gaussians), packed);
+        if length <= self.most {
+            self.keep((rung, gaussians), packed);
+        }
+        self.tried += 1;
         if let Some(watcher) = watcher {
-            watcher.trying(self.made.len(), self.made.len().max(TRIES));
+            watcher.trying(self.tried, self.tried.max(TRIES));
         }
         Ok(length)
     }
 
     fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, Error> {
-        let judge = |judge: &Judge<'_>| judge.psnr(&self.made[&(rung, gaussians)], self.target.format);
-        self.judge.map_or(Ok(f64::INFINITY), judge)
+        let Some(judge) = self.judge else { return Ok(f64::INFINITY) };
+        let packed = self.take((rung, gaussians))?;
+        let psnr = judge.psnr(&packed, self.target.format)?;
+        self.keep((rung, gaussians), packed);
+        Ok(psnr)
     }
 }
 
@@ -231,7 +274,8 @@ impl<'a> Fitter<'a> {
         let Ladder { rungs, steps } = target.ladder(self.model);
         let (mode, judge) = (self.config.style.mode(), Some(self.judge));
         let model = |gaussians| self.sequence.pairs(self.model, &self.responses.scores, gaussians).kept();
-        let mut files = Files { model: &model, mode, target, rungs, judge, made: BTreeMap::new() };
+        let most = if let Aim::Bytes(size) = aim { size } else { u64::MAX };
+        let mut files = Files::new(&model, (mode, judge), (target, rungs), most);
         let mut search = Search::new(&mut files, self.model.len(), &steps);
         let found = search.find(aim)?;
         let tried = search.tried();
@@ -246,7 +290,7 @@ impl<'a> Fitter<'a> {
                 )));
             }
         };
-        let packed = files.made.remove(&(chosen.rung, chosen.gaussians)).expect("a file that was made");
+        let packed = files.take((chosen.rung, chosen.gaussians))?;
         let merged = self.sequence.pairs(self.model, &self.responses.scores, chosen.gaussians);
         let plan = prune::of_pairs(merged, self.responses, begun);
         let record = AimRecord { aim, chosen, precision: files.rungs[chosen.rung], rungs: files.rungs.len(), tried };
@@ -300,9 +344,9 @@ pub fn within(
         numbers.sort_unstable();
         model.select(&numbers)
     };
-    let mut files = Files { model: &most_of, mode, target, rungs, judge: None, made: BTreeMap::new() };
+    let mut files = Files::new(&most_of, (mode, None), (target, rungs), most);
     let point = Search::new(&mut files, model.len(), &steps).refine(most, near)?;
-    let packed = files.made.remove(&point).expect("a file that was made");
+    let packed = files.take(point)?;
     if point.1 < model.len() {
         let most = most_of(point.1);
         *model = most;
@@ -334,7 +378,8 @@ pub fn line(record: &AimRecord, (bytes, gaussians): (u64, usize), psnr: Option<f
     format!("{made} {asked}: {}, {psnr}", counted(gaussians, "Gaussian"))
 }
 
-fn megabytes(bytes: f64, digits: usize) -> String {
+/// Bytes as text, in kB or MB.
+pub fn megabytes(bytes: f64, digits: usize) -> String {
     let (value, unit) = if bytes < 1e6 { (bytes / 1e3, "kB") } else { (bytes / 1e6, "MB") };
     let text = format!("{value:.digits$}");
     format!("{} {unit}", text.trim_end_matches('0').trim_end_matches('.'))
