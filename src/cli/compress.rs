@@ -10,17 +10,18 @@ use super::values;
 use super::view::{self, Watched};
 use super::{Global, check_file, check_model, tell_of_missing};
 use crate::gaussians::formats::{self, Precision, SpzPrecision};
-use crate::job::records::{Aim, AimRecord, CompressRecord, ModelFile, StageScores, Truth};
+use crate::job::records::{Aim, CompressRecord, StageScores, Truth};
 use crate::job::{Error, Output};
 use crate::metrics::{Networks, Scores};
-use crate::pipeline::compress::curve::{CurvePlan, curve};
+use crate::pipeline::compress::curve::{CurvePlan, SIZES, curve};
 use crate::pipeline::compress::fit::{self, Target};
 use crate::pipeline::compress::peer::Peer;
 use crate::pipeline::compress::{self, Input};
 use crate::pipeline::place::place;
 use crate::qirf::pairs::PairCounts;
 use crate::report::{of_compression, of_curve};
-use std::path::PathBuf;
+use crate::wording::counted;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -127,6 +128,7 @@ impl Arguments {
             let text = if page { of_compression(&figures) } else { format!("{json:#}\n") };
             Output::text(path, &text)?;
         }
+        remarks(&figures, console);
         if self.json { console.json(&json) } else { report(console, &figures) }
     }
 
@@ -152,6 +154,13 @@ impl Arguments {
         let record = curve(&session, input, &config, &plan)?;
         if peer.is_none() && self.peer != "none" {
             console.note(format_args!("without files of {}, which cannot be started", self.peer));
+        }
+        for format in formats {
+            let files = record.files.iter().filter(|file| file.wanted.is_some() && file.format == *format).count();
+            if files < SIZES as usize {
+                let sizes = counted(SIZES as usize - files, "size");
+                console.note(format_args!("{format} has no file of {sizes} of {SIZES}: one Gaussian takes more"));
+            }
         }
         tell_of_missing(&networks, console);
         let at = |name: &str| output.folder().join(name);
@@ -182,25 +191,50 @@ impl Arguments {
 }
 
 /// The choice for an aim, as a line.
-pub(super) fn outcome(figures: &CompressRecord, console: &Console) -> String {
-    let CompressRecord { aim, input, output, test, .. } = figures;
+pub(super) fn outcome(figures: &CompressRecord) -> String {
+    let CompressRecord { aim, output, test, .. } = figures;
     let Some(aim) = aim else { return String::new() };
-    shortfall(console, aim, (input.gaussians, output));
     let psnr = test.written.as_ref().map_or(aim.chosen.psnr, |scores| scores.psnr);
     fit::line(aim, (output.bytes, output.gaussians), psnr)
 }
 
-/// Reports where the model has less than was requested.
-fn shortfall(console: &Console, aim: &AimRecord, (whole, output): (usize, &ModelFile)) {
-    match aim.aim {
-        Aim::Bytes(size) if output.gaussians == whole && 20 * output.bytes < 19 * size => console.note(format_args!(
-            "no file of this model in this format needs {size} bytes: the whole model, as finely as the format allows, has {}",
-            output.bytes
-        )),
-        Aim::Psnr(wanted) if aim.chosen.psnr.is_some_and(|psnr| psnr < wanted - 0.1) => console.note(format_args!(
+/// Tells where the file has less than was requested, and warns if packing ruins it.
+pub(super) fn remarks(figures: &CompressRecord, console: &Console) {
+    let CompressRecord { aim, input, output, test, .. } = figures;
+    match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
+        Some((Aim::Bytes(size), _)) if output.gaussians == input.gaussians && 20 * output.bytes < 19 * size => console
+            .note(format_args!(
+                "no file of this model in this format needs {size} bytes: the whole model, as finely as the format allows, has {}",
+                output.bytes
+            )),
+        Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => console.note(format_args!(
             "no file in this format reaches {wanted} dB: this one, of the whole model, is the finest"
         )),
         _ => {}
+    }
+    let psnr = |scores: &Option<Scores>| scores.as_ref().map(|scores| scores.psnr.unwrap_or(f64::INFINITY));
+    let packing = psnr(test.fine_tuned.as_ref().map_or(&test.pruned, |_| &test.fine_tuned)).zip(psnr(&test.written));
+    if let Some((_, written)) = packing.filter(|(before, written)| before - written > PACKED) {
+        poor(console, &output.path, written);
+    }
+}
+
+/// PSNR in dB below which a file is called a poor copy.
+const POOR: f64 = 40.0;
+/// Loss in dB by packing alone that a compressed file does not need.
+const PACKED: f64 = 3.0;
+
+/// Warns of a poor copy, with the PSNR of its pictures.
+pub(super) fn poor(console: &Console, path: &Path, psnr: f64) {
+    if psnr < POOR {
+        let better = match path.extension() {
+            Some(extension) if extension == "sog" => ".ply and .glb lose nothing",
+            _ => ".sog stores any colour and size, and .ply and .glb lose nothing",
+        };
+        console.warn(format_args!(
+            "{} is a poor copy: its pictures have {psnr:.1} dB against the model's; {better}",
+            path.display()
+        ));
     }
 }
 
@@ -217,12 +251,12 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
     let [before, after] = [input.bytes, output.bytes].map(|bytes| bytes.max(1) as f64);
     let (ratio, what) = if after <= before { (before / after, "smaller") } else { (after / before, "larger") };
     console.print(format_args!(
-        "file       {:.2} MB of {:.2} MB, {ratio:.1} times {what}",
-        after / 1e6,
-        before / 1e6
+        "file       {} of {}, {ratio:.1} times {what}",
+        fit::megabytes(after, 2),
+        fit::megabytes(before, 2)
     ))?;
     if figures.aim.is_some() {
-        console.print(format_args!("           {}", outcome(figures, console)))?;
+        console.print(format_args!("           {}", outcome(figures)))?;
     }
     let truth = match protocol.truth {
         Truth::Photos => "photos",

@@ -1,7 +1,7 @@
 //! `qirf-vk convert IN OUT`.
 
 use super::Global;
-use super::compress::outcome;
+use super::compress::{outcome, poor, remarks};
 use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
@@ -96,8 +96,6 @@ fn spz_version(text: &str) -> Result<SpzVersion, String> {
 
 /// Size from which on a page begins with a picture, if a size is asked for.
 const WITH_POSTER: u64 = 300_000;
-/// PSNR in dB below which a file is called a poor copy.
-const POOR: f64 = 40.0;
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
@@ -208,7 +206,8 @@ impl Arguments {
         let config = CompressConfig { views, style: Style::of(loaded.mode), ..CompressConfig::default() };
         let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
         let record = compress_to(session, input, (&config, Some(Aim::Bytes(size))), target)?;
-        console.note(format_args!("{} in {}", outcome(&record, console), self.output.display()));
+        remarks(&record, console);
+        console.note(format_args!("{} in {}", outcome(&record), self.output.display()));
         Ok(())
     }
 
@@ -273,12 +272,7 @@ fn write_measured(
     let (packed, cost) = match session {
         Some(session) if !model.is_empty() => {
             let (packed, psnr) = cost::pack(session, (model, Style::of(loaded.mode)), target)?;
-            if let Some(psnr) = psnr.filter(|psnr| *psnr < POOR) {
-                console.warn(format_args!(
-                    "{} is a poor copy: its pictures have {psnr:.1} dB against the model's; .ply and .glb lose nothing",
-                    target.path.display()
-                ));
-            }
+            poor(console, target.path, psnr.unwrap_or(f64::INFINITY));
             let same = || "; pictures are equal".to_owned();
             (packed, psnr.map_or_else(same, |psnr| format!("; {psnr:.1} dB against it")))
         }

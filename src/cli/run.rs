@@ -1,7 +1,7 @@
 //! `qirf-vk run SCENE`.
 
 use super::choices::Choices;
-use super::compress::outcome;
+use super::compress::{outcome, remarks};
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
 use super::pose::{Posing, warn};
@@ -267,7 +267,8 @@ impl Arguments {
         ))?;
         console.print(format_args!("       {}", output.model().display()))?;
         if let Some(packed) = packed {
-            console.print(format_args!("packed {}", outcome(packed, console)))?;
+            remarks(packed, console);
+            console.print(format_args!("packed {}", outcome(packed)))?;
             console.print(format_args!("       {}", output.packed().display()))?;
         }
         if self.no_report {

@@ -1,11 +1,12 @@
 //! The page of a compression: its figures, the held-out views, and statistics of the blocks.
 
 use super::format::{NONE, bytes, count, decimals, percent, seconds};
-use super::page::{self, Column, Section, Tile, absent, table, tiles};
+use super::page::Column::{self, Number, Text};
+use super::page::{self, Said, Section, Tile, absent, facts, list, table, tiles};
 use super::run::{blocks, pruning};
-use crate::job::records::{CompressRecord, StageScores, Truth};
+use crate::job::records::{Aim, AimRecord, CompressRecord, Point, StageScores, Truth};
 use crate::metrics::Scores;
-use maud::Markup;
+use maud::{Markup, html};
 use std::slice::from_ref;
 
 /// A stage's name and its scores.
@@ -16,12 +17,15 @@ const STAGES: [Stage; 4] =
 
 /// The whole page.
 pub fn page(record: &CompressRecord) -> String {
-    let sections = [
+    let mut sections = vec![
         Section::new("summary", "Summary", summary(record)),
         Section::new("views", "Held-out views", views(record)),
         Section::new("pruning", "Pruning", pruning::one(&record.prune)),
         Section::new("blocks", "What the blocks say", blocks::body(from_ref(&record.prune))),
     ];
+    if let Some(aim) = &record.aim {
+        sections.insert(1, Section::new("search", "Search", search(aim)));
+    }
     let truth = match record.protocol.truth {
         Truth::Photos => "photos",
         Truth::OwnPictures => "the original's own pictures",
@@ -62,6 +66,31 @@ fn summary(record: &CompressRecord) -> Markup {
     ])
 }
 
+/// The target, the choice and the files tried.
+fn search(record: &AimRecord) -> Markup {
+    let AimRecord { aim, chosen, rungs, tried, .. } = record;
+    let asked = match aim {
+        Aim::Bytes(size) => format!("at most {}", bytes(*size)),
+        Aim::Psnr(psnr) => format!("at least {} dB", decimals(*psnr, 2)),
+    };
+    let psnr = |point: &Point| match point.psnr {
+        Some(psnr) if psnr.is_infinite() => "equal".to_owned(),
+        psnr => decimals(psnr, 2),
+    };
+    let columns: [Said<'_, Point>; 5] = [
+        (Number("rung"), &|point| point.rung.to_string()),
+        (Number("Gaussians"), &|point| count(point.gaussians)),
+        (Number("file"), &|point| bytes(point.bytes)),
+        (Number("PSNR / dB"), &psnr),
+        (Text("chosen"), &|point| if point == chosen { "yes" } else { "" }.to_owned()),
+    ];
+    html! {
+        (facts(&[("asked", asked), ("files tried", count(tried.len())), ("rungs of the format", count(*rungs))]))
+        p { "A rung is a setting of the format; 0 is the coarsest. PSNR is that of the views by which files are compared." }
+        (list(tried, &columns))
+    }
+}
+
 fn views(record: &CompressRecord) -> Markup {
     if record.views.is_empty() {
         return absent("No view was held out.");
@@ -71,6 +100,6 @@ fn views(record: &CompressRecord) -> Markup {
     };
     let rows: Vec<Vec<String>> = record.views.iter().map(|view| row(&view.name, &view.scores)).collect();
     let columns: Vec<Column<'_>> =
-        std::iter::once(Column::Text("view")).chain(STAGES.iter().map(|(name, _)| Column::Number(name))).collect();
+        std::iter::once(Text("view")).chain(STAGES.iter().map(|(name, _)| Number(name))).collect();
     table(&columns, &rows, Some(&row("mean", &record.test)))
 }

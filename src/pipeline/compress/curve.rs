@@ -16,7 +16,7 @@ use crate::pipeline::virtual_views::ALL;
 use std::path::PathBuf;
 
 /// Number of sizes: that of the smallest whole model, then halves.
-const SIZES: u32 = 6;
+pub const SIZES: u32 = 6;
 /// Index of the size whose settings are measured attribute by attribute.
 const MIDDLE: u32 = 2;
 
