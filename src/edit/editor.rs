@@ -77,8 +77,9 @@ impl Editor {
         self.model.compact(&kept);
         let rules = self.numbers.as_ref().map(|numbers| {
             let mut rules: BTreeMap<Reason, Vec<u32>> = BTreeMap::new();
-            for (number, reason) in numbers.iter().zip(found) {
-                reason.iter().for_each(|reason| rules.entry(*reason).or_default().push(*number));
+            for (number, reason) in numbers.iter().zip(found).filter_map(|(number, reason)| Some((*number, (*reason)?)))
+            {
+                rules.entry(reason).or_default().push(number);
             }
             rules.into_iter().map(|(reason, numbers)| (reason, ranges(numbers))).collect()
         });

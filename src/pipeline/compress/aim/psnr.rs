@@ -67,7 +67,9 @@ impl<T: Trials> Search<'_, T> {
         let known: Vec<&Point> = self.tried.values().filter(|point| point.gaussians == self.whole).collect();
         let ends = known.windows(2).find(|ends| ends[0].psnr < Some(wanted) && ends[1].psnr >= Some(wanted))?;
         let mut row = Row::of_whole(self.last(), wanted, self.whole);
-        ends.iter().for_each(|point| row.add(**point));
+        for point in ends {
+            row.add(**point);
+        }
         Some(row)
     }
 

@@ -136,8 +136,11 @@ impl Trials for Kind {
     }
 }
 
+/// PSNR in dB by the number of Gaussians.
+type Growth = fn(f64) -> f64;
+
 /// Growth of PSNR: the same everywhere, slow, that of guitar, slower at the end, with waves; and with jumps, where no file is near.
-const KINDS: [(&str, fn(f64) -> f64); 6] = [
+const KINDS: [(&str, Growth); 6] = [
     ("even", |n| 20.0 + 4.5 * (n / 1000.0).log2()),
     ("slow", |n| 24.0 + 1.8 * (n / 200.0).log2()),
     ("guitar", |n| {
