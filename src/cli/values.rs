@@ -116,7 +116,7 @@ pub(super) fn file_size(text: &str) -> Result<u64, String> {
 pub(super) fn sh_bits(text: &str) -> Result<SpzPrecision, String> {
     let bits = |t: &str| t.trim().parse::<u8>().ok().filter(|b| (1..=8).contains(b));
     let (first, others) = text.split_once(',').unwrap_or((text, text));
-    let both = bits(first).zip(bits(others)).map(|(first, others)| SpzPrecision { first, others });
+    let both = bits(first).zip(bits(others)).map(|(first, others)| SpzPrecision { first, others, means: None });
     both.ok_or_else(|| "write 1 to 8, such as 8, or 6,5 for band 1 and the others".to_owned())
 }
 
@@ -382,7 +382,7 @@ mod tests {
         for bad in ["5", "0", "0MB", "-1MB", "1TB", "MB", "", "nanMB", "infMB", "1e30GB", "5 apples", "0x7", "0x1B"] {
             assert!(size_of_file_or_pictures(bad).is_err(), "{bad}");
         }
-        assert_eq!(sh_bits("6,5"), Ok(SpzPrecision { first: 6, others: 5 }));
+        assert_eq!(sh_bits("6,5"), Ok(SpzPrecision { first: 6, others: 5, means: None }));
         assert!(["", "0", "9", "5,", "5,4,3", "x"].iter().all(|bad| sh_bits(bad).is_err()));
         assert_eq!(psnr("35"), Ok(35.0));
         assert!(psnr("nan").is_err() && psnr("4").is_err() && psnr("101").is_err() && psnr("-35").is_err());

@@ -3,7 +3,8 @@
 use super::compress::{CLONES, SITES, ball, compressed, count, saved, small};
 use super::ended::{Ended, end, qirf};
 use super::html::parse;
-use qirf_vk::gaussians::formats;
+use qirf_vk::gaussians::{Gaussians, formats};
+use serde_json::Value;
 
 /// Files of 95 to 100 % of the size in at most nine trials, the same ones again; the line says what was chosen.
 #[test]
@@ -108,8 +109,7 @@ fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
     let out = folder.path().join("a.sog");
     let made = small(&model, &out, &["--psnr", "28"]);
     let reached = made["aim"]["chosen"]["psnr"].as_f64().unwrap();
-    // A few sites more are a dB or two.
-    assert!((27.9..31.0).contains(&reached), "{}", made["aim"]);
+    assert!((28.0..28.5).contains(&reached), "{}", made["aim"]);
     let whole = ["--views", "16", "--size", "64x64", "--size", "1GB"];
     compressed(&model, &out, &whole).with(0, &["needs 1000000000 bytes"]);
     assert_eq!(formats::read(&out).unwrap().gaussians.len(), SITES * CLONES);
@@ -127,4 +127,57 @@ fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
     refused(2, "--target-count", &["--psnr", "30", "--target-count", "5"]);
     refused(2, "one of them", &["--size", "9kB", "--psnr", "30"]);
     refused(2, "--selector pairs", &["--views", "16", "--size", "64x64", "--size", "9kB", "--selector", "css"]);
+}
+
+/// Balls of several kinds in several formats: at least the PSNR, and no more than a tenth above it where files are that close.
+#[test]
+fn every_format_comes_close_to_a_psnr_from_above() {
+    let folder = tempfile::tempdir().unwrap();
+    let kinds: [(&str, fn(&mut Gaussians)); 3] = [
+        ("coloured", |_| {}),
+        ("plain", |model| model.sh.truncate(1)),
+        ("uneven", |model| (0..model.len()).for_each(|i| model.log_scales[i] = [-1.2 - 0.003 * i as f32; 3])),
+    ];
+    for (name, change) in kinds {
+        let mut model = ball();
+        change(&mut model);
+        let model = saved(folder.path(), &model);
+        for (format, wanted) in [("spz", 25.0), ("ply", 30.0), ("compressed.ply", 27.0), ("sog", 33.0)] {
+            let out = folder.path().join(format!("a.{format}"));
+            let aim = small(&model, &out, &["--psnr", &wanted.to_string()])["aim"].clone();
+            let tried = aim["tried"].as_array().unwrap();
+            let files =
+                |file: &Value| (file["gaussians"].as_u64().unwrap(), file["psnr"].as_f64().unwrap_or(f64::INFINITY));
+            let (gaussians, psnr) = files(&aim["chosen"]);
+            // With one Gaussian less, the file misses the target: no other one is closer.
+            let closest = tried.iter().filter(|file| file["rung"] == aim["chosen"]["rung"]).map(files);
+            let closest = closest.into_iter().any(|(n, psnr)| n + 1 == gaussians && psnr < wanted);
+            assert!((wanted..=wanted + 0.1).contains(&psnr) || psnr > wanted && closest, "{name}, {format}: {aim:#}");
+            assert!(tried.len() <= 12, "{name}, {format}: {aim:#}");
+        }
+    }
+}
+
+#[test]
+fn a_format_that_ruins_a_model_is_named_and_a_report_lists_the_search() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut bright = ball();
+    bright.sh[0].iter_mut().for_each(|c| *c *= 20.0);
+    let model = saved(folder.path(), &bright);
+    let views = ["--views", "16", "--size", "64x64"];
+    let say = |name: &str, more: &[&str]| compressed(&model, &folder.path().join(name), &[&views, more].concat()).said;
+    assert!(say("a.spz", &["--keep", "0.9"]).contains("a.spz is a poor copy"), "SPZ cuts colours off");
+    assert!(!say("a.sog", &["--keep", "0.9"]).contains("poor copy"), "SOG stores them");
+    let page = folder.path().join("page.html");
+    let model = saved(folder.path(), &ball());
+    let more = ["--size", "1GB", "--json", "--report", page.to_str().unwrap()];
+    let said = compressed(&model, &folder.path().join("a.sog"), &[&views, &more[..]].concat()).with(0, &[]).said;
+    assert!(said.contains("needs 1000000000 bytes"), "{said}");
+    let html = parse(&std::fs::read_to_string(&page).unwrap()).unwrap();
+    assert!(!html.select("#search tbody tr").is_empty());
+    // A format whose header alone exceeds the sizes.
+    let few = saved(folder.path(), &ball().select(&[0, 4, 8]));
+    let more = ["--curve", "sog,spz", "--peer", "none"];
+    let said = compressed(&few, &folder.path().join("curve"), &[&views, &more[..]].concat()).with(0, &[]).said;
+    assert!(said.contains("sog has no file of 6 sizes of 6"), "{said}");
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 pub enum Precision {
     /// The only precision of the format.
     Fixed,
-    /// SPZ: bits of the SH coefficients.
+    /// SPZ: bits of the means and of the SH coefficients.
     Spz(SpzPrecision),
     /// SOG: steps, and size of the palette.
     Sog(SogPrecision),
@@ -19,7 +19,12 @@ pub enum Precision {
 impl Precision {
     /// SPZ's bits; all of them unless these are of SPZ.
     pub(super) fn of_spz(self) -> SpzPrecision {
-        if let Self::Spz(bits) = self { bits } else { SpzPrecision { first: 8, others: 8 } }
+        if let Self::Spz(bits) = self { bits } else { SpzPrecision { first: 8, others: 8, means: None } }
+    }
+
+    /// The same, but with all bits of SPZ's means.
+    pub fn with_all_means(self) -> Self {
+        if let Self::Spz(bits) = self { Self::Spz(SpzPrecision { means: None, ..bits }) } else { self }
     }
 
     /// SOG's steps; the finest unless these are of SOG.
@@ -28,13 +33,15 @@ impl Precision {
     }
 }
 
-/// Bits of SH coefficients in SPZ, 1 to 8: of band 1, and of the others.
+/// Bits in SPZ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct SpzPrecision {
-    /// Of band 1.
+    /// Of SH coefficients of band 1, 1 to 8.
     pub first: u8,
-    /// Of the other bands.
+    /// Of those of the other bands.
     pub others: u8,
+    /// Of means below the median Gaussian's size: 4 move means by at most a 32nd of it. Null: 4, and at least 12 fractional bits.
+    pub means: Option<u8>,
 }
 
 impl SpzPrecision {
@@ -119,9 +126,23 @@ const SOG: [SogPrecision; 7] = [
 /// Rungs from one step to the next: 3 % of the bytes each.
 const A_STEP: usize = 8;
 
-/// Bits of band 1 and of the others, by rung.
-const SPZ: [(u8, u8); 10] = [(4, 3), (5, 3), (5, 4), (6, 4), (6, 5), (7, 5), (7, 6), (8, 6), (8, 7), (8, 8)];
+/// Bits of band 1, of the others and of means, by rung.
+const SPZ: [(u8, u8, Option<u8>); 10] = [
+    (4, 3, Some(3)),
+    (5, 3, Some(3)),
+    (5, 4, Some(4)),
+    (6, 4, Some(4)),
+    (6, 5, Some(5)),
+    (7, 5, Some(5)),
+    (7, 6, Some(6)),
+    (8, 6, Some(6)),
+    (8, 7, None),
+    (8, 8, None),
+];
 const SPZ_STEPS: [usize; 4] = [0, 2, 4, 9];
+/// Bits of means without SH, by rung.
+const SPZ_MEANS: [Option<u8>; 5] = [Some(3), Some(4), Some(5), Some(6), None];
+const SPZ_MEANS_STEPS: [usize; 4] = [0, 1, 2, 4];
 
 /// The settings of a format, from the fewest bytes to the least loss.
 #[derive(Clone, Debug, PartialEq)]
@@ -156,8 +177,12 @@ pub fn ladder(path: &Path, degree: usize) -> Ladder {
             Ladder { rungs: (0..=last).map(between).collect(), steps: (0..=last).step_by(A_STEP).collect() }
         }
         "spz" if degree > 0 => Ladder {
-            rungs: SPZ.iter().map(|&(first, others)| Precision::Spz(SpzPrecision { first, others })).collect(),
+            rungs: SPZ.map(|(first, others, means)| Precision::Spz(SpzPrecision { first, others, means })).to_vec(),
             steps: SPZ_STEPS.to_vec(),
+        },
+        "spz" => Ladder {
+            rungs: SPZ_MEANS.map(|means| Precision::Spz(SpzPrecision { first: 8, others: 8, means })).to_vec(),
+            steps: SPZ_MEANS_STEPS.to_vec(),
         },
         _ => Ladder { rungs: vec![Precision::Fixed], steps: vec![0] },
     }
@@ -167,7 +192,7 @@ pub fn ladder(path: &Path, degree: usize) -> Ladder {
 pub fn usual(path: &Path, model: &Gaussians) -> Precision {
     let ladder = ladder(path, model.degree());
     match ladder.finest() {
-        Precision::Spz(_) => spz::usual(model, &ladder),
+        Precision::Spz(_) if model.degree() > 0 => spz::usual(model, &ladder),
         finest => finest,
     }
 }

@@ -18,7 +18,9 @@ pub fn pack(
     target: &Target<'_>,
 ) -> Result<(Vec<u8>, Option<f64>), Error> {
     let usual = target.usual(model);
-    let finer: Vec<_> = target.ladder(model).coarse().skip_while(|rung| *rung != usual).skip(1).collect();
+    let ladder = target.ladder(model);
+    let rungs = ladder.coarse().map(formats::Precision::with_all_means);
+    let finer = rungs.skip_while(|rung| *rung != usual).filter(|rung| *rung != usual);
     let mut measured = measure(session, (model, style), (target, usual))?;
     for rung in finer {
         if measured.1.is_none_or(|psnr| psnr >= FINE) {

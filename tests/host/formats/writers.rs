@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use qirf_vk::gaussians::formats;
+use qirf_vk::gaussians::formats::{self, SpzPrecision};
 use qirf_vk::gaussians::{Error, Gaussians};
 use qirf_vk::glam::{Mat3, Quat, Vec3};
 
@@ -335,4 +335,24 @@ fn bad_requests_are_refused_and_write_nothing() {
     let nowhere = folder.path().join("absent").join("a.ply");
     assert!(matches!(formats::write(&nowhere, &model, formats::RenderMode::Plain), Err(Error::Io { .. })));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+/// Fewer bits of means make a smaller SPZ, whose means are within half a step of that share of the median Gaussian's size.
+#[test]
+fn spz_stores_means_as_finely_as_asked() {
+    let model = make::model(500, 0);
+    let mut sizes: Vec<f32> = model.log_scales.iter().map(|s| s.iter().fold(f32::MIN, |a, b| a.max(*b))).collect();
+    sizes.sort_by(f32::total_cmp);
+    let size = sizes[sizes.len() / 2].exp();
+    let name = Path::new("a.spz");
+    let mut before = 0;
+    for precision in formats::ladder(name, 0).rungs {
+        let formats::Precision::Spz(SpzPrecision { means, .. }) = precision else { panic!("{precision:?}") };
+        let place = (formats::RenderMode::Plain, [0.0; 3]);
+        let file = formats::encode(name, &model, place, (precision, formats::SpzVersion::Four)).unwrap();
+        assert!(file.len() >= before, "{precision:?}: {} after {before} bytes", file.len());
+        before = file.len();
+        let back = formats::read_bytes(&file, name).unwrap().gaussians;
+        assert_within_spz(&model, &back, means.map_or(1.0 / 4096.0, |means| size * 2f32.powi(-i32::from(means))));
+    }
 }

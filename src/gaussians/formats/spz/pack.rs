@@ -39,7 +39,7 @@ pub(in super::super) fn pack(
         u32::try_from(model.len()).map_err(|_| Fault::Unsupported("more than 2^32 Gaussians; write .ply".into()))?;
     let mut model = model.clone();
     convert(&mut model, RIGHT_DOWN_FRONT, RIGHT_UP_BACK);
-    let bits = fractional_bits(&model)?;
+    let bits = fractional_bits(&model, precision.means)?;
     let streams = streams(&model, bits, precision);
     let number = match version {
         SpzVersion::Three => 3u32,
@@ -107,10 +107,11 @@ fn frames(header: Vec<u8>, streams: &[Vec<u8>]) -> io::Result<Vec<u8>> {
 /// Logarithms of the scales that a byte can hold.
 const LOG_SCALES: RangeInclusive<f32> = -10.0..=255.0 / 16.0 - 10.0;
 
-/// Fractional bits of the means: the official 12, or more for small Gaussians, as 24 bits allow.
+/// Fractional bits of the means: the official 12, or more for small Gaussians, as 24 bits allow; or as many `below` the median
+/// Gaussian's size, if these are fewer.
 ///
 /// A step of 1/16 of the median Gaussian's size moves nothing visibly; a step beyond that size ruins the picture.
-fn fractional_bits(model: &Gaussians) -> Result<i32, Fault> {
+fn fractional_bits(model: &Gaussians, below: Option<u8>) -> Result<i32, Fault> {
     let reach = model.means.as_flattened().iter().fold(0f32, |reach, x| reach.max(x.abs()));
     if !reach.is_finite() || reach > FIXED_MAX {
         return Err(Fault::Unsupported(format!(
@@ -134,13 +135,14 @@ fn fractional_bits(model: &Gaussians) -> Result<i32, Fault> {
              remove far Gaussians or write .ply"
         )));
     }
-    Ok(bits)
+    let fewer = below.map_or(bits, |below| (f32::from(below) - median).ceil().max(0.0) as i32);
+    Ok(bits.min(fewer))
 }
 
 /// The fewest bits, from the official 5 and 4 on, whose rounding of SH changes colours by less than [`FAINT`].
 pub(in super::super) fn usual(model: &Gaussians, ladder: &Ladder) -> Precision {
     let fine = |precision: &Precision| matches!(precision, Precision::Spz(bits) if bits.first >= 5 && change(model, *bits) < FAINT);
-    ladder.coarse().find(fine).unwrap_or(ladder.finest())
+    ladder.coarse().find(fine).unwrap_or(ladder.finest()).with_all_means()
 }
 
 /// Root mean square by which rounding SH to these bits changes the colours of Gaussians: over all directions and over the Gaussians,
