@@ -26,7 +26,7 @@ const SOLID: f64 = 1.4;
 /// Without photos: minimum distance to others, in the largest axis among a Gaussian and these others, times a root of the change that it
 /// makes. An isolated Gaussian is a floater if pictures show it.
 const LONELY: f64 = 10.0;
-/// This root. Of 500 planted floaters it finds 99 % in the models with which it was chosen, and roots of 7 to 10 as many.
+/// This root: from the seventh to the tenth, planted floaters and models were told apart equally well (docs/edit.md).
 const ROOT: f64 = 8.0;
 /// Largest loss of the photos by the removal of a Gaussian that they do not need, in median changes.
 const FREE: f64 = 0.2;
