@@ -23,6 +23,7 @@ impl Precision {
     }
 
     /// The same, but with all bits of SPZ's means.
+    #[must_use]
     pub fn with_all_means(self) -> Self {
         if let Self::Spz(bits) = self { Self::Spz(SpzPrecision { means: None, ..bits }) } else { self }
     }

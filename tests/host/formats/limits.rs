@@ -11,7 +11,9 @@ use serde_json::{Value, json};
 
 fn gzip(parts: &[&[u8]]) -> Vec<u8> {
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-    parts.iter().for_each(|part| encoder.write_all(part).unwrap());
+    for part in parts {
+        encoder.write_all(part).unwrap();
+    }
     encoder.finish().unwrap()
 }
 
@@ -56,7 +58,7 @@ fn a_glb_says_how_many_gaussians_its_spz_has() {
 #[test]
 fn meshes_are_placed_up_to_a_limit() {
     let placed = |times: usize| {
-        let glb = glb_changed(&make::model(1000, 1), Layout::Planar, &|d: &mut Value| {
+        let glb = glb_changed(&make::model(1000, 1), Layout::Planar, |d: &mut Value| {
             d["nodes"] = vec![json!({ "mesh": 0 }); times].into();
             d["scenes"] = json!([{ "nodes": (0..times).collect::<Vec<_>>() }]);
         });

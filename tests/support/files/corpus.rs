@@ -208,7 +208,7 @@ fn json() -> Vec<Input> {
 fn photo(name: &str) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
-    if name.ends_with(".exr") {
+    if path.extension().is_some_and(|e| e == "exr") {
         image::load_from_memory(&photo("a.png")).unwrap().into_rgb32f().save(&path).unwrap();
     } else {
         picture(&path, 64, 48);
