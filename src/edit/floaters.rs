@@ -217,17 +217,13 @@ impl<'a> Neighbours<'a> {
     /// Distances of a Gaussian from others: the distance of its third neighbour divided by the standard deviation of its longest
     /// axis, and by the longest axis of all four; 0 without such a neighbour or with a mean that is not finite.
     fn distances(&self, i: usize) -> (f64, f64) {
-        const THIRD: usize = 3;
         if !self.model.means[i].iter().all(|x| x.is_finite()) {
             return (0.0, 0.0); // such a distance has no order either
         }
         let longest = |i: usize| self.model.log_scales[i].iter().fold(f32::NEG_INFINITY, |a, s| a.max(*s));
         let near = self.tree.nearest_neighbor_iter_with_distance_2(self.model.means[i]);
-        let near: Vec<_> = near.filter(|(other, _)| other.data != i).take(THIRD).collect();
-        let [.., (_, squared)] = near[..] else { return (0.0, 0.0) };
-        if near.len() < THIRD {
-            return (0.0, 0.0);
-        }
+        let near: Vec<_> = near.filter(|(other, _)| other.data != i).take(3).collect();
+        let [_, _, (_, squared)] = near[..] else { return (0.0, 0.0) };
         let of_all = near.iter().fold(longest(i), |a, (other, _)| a.max(longest(other.data)));
         let third = f64::from(squared).sqrt();
         (third / f64::from(longest(i)).exp(), third / f64::from(of_all).exp())

@@ -41,7 +41,9 @@ pub fn seen((model, from): (&Gaussians, [f64; 3]), scene: &Scene, least: usize) 
     let (shift, there) = (shift_to(model, from, scene), scene.views.len());
     if least > there {
         let root = scene.root.display();
-        return Err(Error::Usage(format!("a crop by at least {least} views: {root} has {there} views; ask for fewer")));
+        return Err(Error::Usage(format!(
+            "a crop by at least {least} views: {root} has {there} views; lower --least-views"
+        )));
     }
     let cameras = scene.views.iter().map(|view| view.camera_at(Resize::Full).relative_to(shift)).collect();
     Ok(Region::Views { cameras, least })

@@ -87,7 +87,7 @@ pub fn load_photos(
     let cameras: Vec<Camera> = views.iter().map(|view| view.camera_at(options.resize)).collect();
     let store = Store::new(&cameras, options.memory)?;
     let has_masks = options.masks && views.iter().any(|view| view.is_masked());
-    let announced = options.alpha != Some(false) && views.par_iter().any(|view| view.announces_alpha());
+    let announced = announced(views, options);
     let masked = has_masks && !announced;
     let done = AtomicUsize::new(0);
     // A damaged photo fails alone; a full disk ends everything.
@@ -162,12 +162,17 @@ pub fn load_photos(
     Ok(LoadedPhotos { photos, notes, without_mask })
 }
 
+/// True if a photo has an alpha channel that may count.
+fn announced(views: &[&View], options: &LoadOptions<'_>) -> bool {
+    options.alpha != Some(false) && views.par_iter().any(|view| view.announces_alpha())
+}
+
 /// Meaning of the fourth byte of many views' photos together, as [`load_photos`] decides; decodes them only if one has an alpha channel.
 ///
 /// # Errors
 /// [`Error::Store`] where the temporary file cannot be written.
 pub fn alpha_role(views: &[&View], options: &LoadOptions<'_>) -> Result<AlphaRole, Error> {
-    if options.alpha == Some(false) || !views.par_iter().any(|view| view.announces_alpha()) {
+    if !announced(views, options) {
         let masked = options.masks && views.iter().any(|view| view.is_masked());
         return Ok(if masked { AlphaRole::Mask } else { AlphaRole::Opaque });
     }

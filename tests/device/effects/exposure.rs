@@ -104,13 +104,7 @@ fn trainer(device: &Device, scene: &Path, exposure: bool, masked: bool) -> Train
     let mut prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
     let alpha_role = if masked { AlphaRole::Mask } else { AlphaRole::Opaque };
     prepared.train.iter_mut().for_each(|photo| photo.alpha_role = alpha_role);
-    let colour = |c: [u8; 3]| glam::DVec3::from(c.map(f64::from)) / 255.0;
-    let seeds: Vec<_> = prepared
-        .scene
-        .points
-        .iter()
-        .map(|p| Seed { position: p.position, normal: None, colour: colour(p.colour) })
-        .collect();
+    let seeds: Vec<Seed> = prepared.scene.points.iter().map(Seed::from).collect();
     let options = options(&config, exposure);
     Trainer::new(device, &from_points(&seeds), prepared.train, prepared.extent, options).unwrap()
 }

@@ -86,13 +86,7 @@ fn trainer(
         pairs: 1 << 14,
         ..Options::default()
     };
-    let colour = |c: [u8; 3]| DVec3::from(c.map(f64::from)) / 255.0;
-    let seeds: Vec<_> = prepared
-        .scene
-        .points
-        .iter()
-        .map(|p| Seed { position: p.position, normal: None, colour: colour(p.colour) })
-        .collect();
+    let seeds: Vec<Seed> = prepared.scene.points.iter().map(Seed::from).collect();
     let made = match snapshot {
         Some(snapshot) => Trainer::resume(device, snapshot, prepared.train, prepared.extent, options),
         None => Trainer::new(device, &from_points(&seeds), prepared.train, prepared.extent, options),

@@ -51,7 +51,7 @@ struct Header {
     around: Around,
 }
 
-/// What the file around an SPZ says of it.
+/// Facts about an SPZ from the file that contains it.
 #[derive(Clone, Copy)]
 pub(in super::super) struct Around {
     /// The axes, unless an extension of SPZ names others.
