@@ -24,7 +24,10 @@ void begin(uint p, uvec2 at) {
 // A splat's share in a pixel: h, T alpha, and alpha; all 0 if the pixel does not draw it.
 struct Share { float h, part, alpha; };
 
-bool draws(uint p, float power, float cut) { return power <= cut && transmittance[p] > 0; }
+bool draws(uint p, float power, float cut) {
+    float t = transmittance[p];
+    return power <= cut && t > 0;
+}
 
 // Blends a splat of this distance into a pixel again.
 Share blend_again(uint p, float power, vec4 shape, vec4 rgb1) {

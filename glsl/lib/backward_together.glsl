@@ -64,7 +64,7 @@ bool take(uint n) {
     [[unroll]] for (uint p = 0; p < PIXELS; p++) {
         u[p] = k.x * (centre[p].x - g.x) + k.y * down;
         power[p] = u[p] * u[p] + v * v;
-        drawn = drawn || draws(p, power[p], s.z);
+        drawn = draws(p, power[p], s.z) || drawn; // without a branch: all lanes meet in the vote
     }
     if (!subgroupAny(drawn)) return false;
     vec4 rgb1 = vec4(s.w, batch_colour[n], 1);
@@ -95,7 +95,8 @@ void walk_batch(uint length, vec2 low, vec2 high) {
     for (uint first = 0; first < length && !subgroupAll(done()); first += SUBGROUP) {
         uint own = first + lane;
         vec4 g = batch_geometry[own], s = batch_shape[own];
-        uvec4 near = subgroupBallot(own < length && ellipse_touches(g.xy, vec3(g.zw, s.x), s.z, low, high));
+        bool touches = ellipse_touches(g.xy, vec3(g.zw, s.x), s.z, low, high);
+        uvec4 near = subgroupBallot(touches && own < length);
         bool taken = false;
         [[unroll]] for (uint w = 0; w < (SUBGROUP + 31) / 32; w++) {
             for (uint left = near[w]; left != 0; left &= left - 1) {

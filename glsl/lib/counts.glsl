@@ -16,8 +16,9 @@ void set_count(uint count, uint limit, uint sizes[4]) {
     for (uint i = 0; i < 4; i++) {
         uint groups = max(1, count / sizes[i] + (count % sizes[i] != 0 ? 1 : 0));
         uint most = BACKWARDS ? FEW_GROUPS : MAX_GROUPS;
-        arguments[3 * i] = min(groups, most);
-        arguments[3 * i + 1] = (groups + most - 1) / most;
+        uint rows = (groups + most - 1) / most;
+        arguments[3 * i] = BACKWARDS ? min(groups, most) : (groups + rows - 1) / rows;
+        arguments[3 * i + 1] = rows;
         arguments[3 * i + 2] = 1;
     }
 }

@@ -29,7 +29,7 @@ int place(uint p, uvec2 at) {
 }
 
 bool done() {
-    bool all = true;
-    [[unroll]] for (uint p = 0; p < PIXELS; p++) all = all && transmittance[p] <= 0;
-    return all;
+    float most = transmittance[0];
+    [[unroll]] for (uint p = 1; p < PIXELS; p++) most = max(most, transmittance[p]);
+    return most <= 0;
 }

@@ -121,8 +121,9 @@ void together(Emitted e, uint slot) {
         uvec2 columns = row < e.rows.y ? tile_columns(e.footprint, row, view[0].tiles) : uvec2(0);
         uint own = columns.y - columns.x;
         uint inclusive = subgroupInclusiveAdd(own);
+        uint all = subgroupBroadcast(inclusive, SUBGROUP - 1); // before the lanes part
         emit_row(e, row, columns, slot + inclusive - own);
-        slot += subgroupBroadcast(inclusive, SUBGROUP - 1);
+        slot += all;
     }
     emit_surplus(e, slot + gl_SubgroupInvocationID, SUBGROUP);
 }

@@ -68,9 +68,9 @@ void blend(vec4 g, vec4 s, vec2 c) {
 }
 
 bool done() {
-    bool all = true;
-    [[unroll]] for (uint p = 0; p < PIXELS; p++) all = all && transmittance[p] <= 0;
-    return all;
+    float most = transmittance[0];
+    [[unroll]] for (uint p = 1; p < PIXELS; p++) most = max(most, transmittance[p]);
+    return most <= 0;
 }
 
 // True if all pixels of the tile are done; contains a barrier for the workgroup.
@@ -95,7 +95,8 @@ void walk_batch(uint length, vec2 low, vec2 high) {
     for (uint first = 0; first < length && !subgroupAll(done()); first += SUBGROUP) {
         uint own = first + gl_SubgroupInvocationID;
         vec4 g = batch_geometry[own], s = batch_shape[own];
-        uvec4 near = subgroupBallot(own < length && ellipse_touches(g.xy, vec3(g.zw, s.x), s.z, low, high));
+        bool touches = ellipse_touches(g.xy, vec3(g.zw, s.x), s.z, low, high);
+        uvec4 near = subgroupBallot(touches && own < length);
         [[unroll]] for (uint w = 0; w < (SUBGROUP + 31) / 32; w++) {
             for (uint left = near[w]; left != 0; left &= left - 1) {
                 uint one = first + 32 * w + findLSB(left);

@@ -245,7 +245,11 @@ impl Context {
             pins_subgroups,
             debug: instance.debug_utils.then(|| ext::debug_utils::Device::new(&instance.raw, &raw)),
             queue: Queue::new(queue, candidate.queue_family, options.harness.fault),
-            modules: Modules { folder: options.harness.shaders.clone(), keep_nan: info.has(Feature::NanPreserve) },
+            modules: Modules {
+                folder: options.harness.shaders.clone(),
+                keep_nan: info.has(Feature::NanPreserve),
+                reconverge: info.has(Feature::UniformSubgroups),
+            },
             pipelines: Pipelines::new(&raw, candidate.pipeline_cache_uuid)?,
             hazards: Mutex::default(),
             counters: Counters::default(),
@@ -256,7 +260,7 @@ impl Context {
             frames: Mutex::default(),
             guards: options.harness.guarded.then(Guards::default),
             disorder: options.harness.order.map(Disorder::new),
-            memory: ManuallyDrop::new(Memory::new(&allocator, &info.name, limit)?),
+            memory: ManuallyDrop::new(Memory::new(&allocator, &info, limit)?),
             _lease: candidate.lease,
             info,
             raw,
@@ -341,6 +345,12 @@ fn create(
     if info.has(Feature::FloatAtomics) {
         extensions.push(ext::shader_atomic_float::NAME.as_ptr());
         wanted = wanted.push_next(&mut atomic);
+    }
+    let mut uniform = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default()
+        .shader_subgroup_uniform_control_flow(true);
+    if info.has(Feature::UniformSubgroups) {
+        extensions.push(khr::shader_subgroup_uniform_control_flow::NAME.as_ptr());
+        wanted = wanted.push_next(&mut uniform);
     }
     let mut executables =
         vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);

@@ -1,10 +1,11 @@
 //! Device memory: the allocator, and the count of bytes in use.
 
+use super::choose::select::{DeviceInfo, DeviceKind};
 use super::device::lock;
 use super::error::Error;
 use ash::vk;
-use gpu_allocator::AllocationError;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
+use gpu_allocator::{AllocationError, MemoryLocation};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -26,15 +27,18 @@ pub(super) struct Memory {
     limit: u64,
     enforced: AtomicBool,
     device: String,
+    /// Whether the device shares the host's memory: then any memory will do.
+    shared: bool,
 }
 
 impl Memory {
-    /// Memory of a device of this name, of which this program may use `limit` bytes.
-    pub fn new(info: &AllocatorCreateDesc, device: &str, limit: u64) -> Result<Self, Error> {
+    /// Memory of a device, of which this program may use `limit` bytes.
+    pub fn new(info: &AllocatorCreateDesc, device: &DeviceInfo, limit: u64) -> Result<Self, Error> {
         let allocator = Allocator::new(info)
-            .map_err(|e| Error::MissingFeature { device: device.to_owned(), feature: format!("memory ({e})") })?;
+            .map_err(|e| Error::MissingFeature { device: device.name.clone(), feature: format!("memory ({e})") })?;
         let (allocator, used, peak) = (Mutex::new(allocator), AtomicU64::new(0), AtomicU64::new(0));
-        Ok(Self { allocator, used, peak, limit, enforced: AtomicBool::new(false), device: device.to_owned() })
+        let (device, shared) = (device.name.clone(), device.kind == DeviceKind::Integrated);
+        Ok(Self { allocator, used, peak, limit, enforced: AtomicBool::new(false), device, shared })
     }
 
     /// Enforces the limit from here on; the probe's memory does not count.
@@ -82,7 +86,18 @@ impl Memory {
 
     /// Allocates memory for a buffer of `bytes`.
     pub fn allocate(&self, wanted: &AllocationCreateDesc<'_>, bytes: u64) -> Result<Allocation, Error> {
-        lock(&self.allocator).allocate(wanted).map_err(|e| self.error(wanted.name, bytes, &e))
+        let mut allocator = lock(&self.allocator);
+        let full = |e: &AllocationError| {
+            matches!(e, AllocationError::OutOfMemory | AllocationError::NoCompatibleMemoryTypeFound)
+        };
+        let allocated = match allocator.allocate(wanted) {
+            // Visible to the host, it may lie in any heap.
+            Err(e) if self.shared && wanted.location == MemoryLocation::GpuOnly && full(&e) => {
+                allocator.allocate(&AllocationCreateDesc { location: MemoryLocation::CpuToGpu, ..wanted.clone() })
+            }
+            allocated => allocated,
+        };
+        allocated.map_err(|e| self.error(wanted.name, bytes, &e))
     }
 
     /// Frees an allocation.

@@ -4,14 +4,17 @@ use super::error::Error;
 use super::kernel::Shader;
 use std::path::PathBuf;
 
-/// Words of a module's header; its capabilities follow.
+/// Words of a module's header; its capabilities follow, then its extensions.
 const HEADER: usize = 5;
 /// Low half of an instruction's first word; the high half is its length in words.
+const OP_EXTENSION: u32 = 10;
 const OP_ENTRY_POINT: u32 = 15;
 const OP_EXECUTION_MODE: u32 = 16;
 const OP_CAPABILITY: u32 = 17;
 const SIGNED_ZERO_INF_NAN_PRESERVE: u32 = 4461;
 const SIGNED_ZERO_INF_NAN_PRESERVE_CAPABILITY: u32 = 4466;
+const SUBGROUP_UNIFORM_CONTROL_FLOW: u32 = 4421;
+const SUBGROUP_UNIFORM_CONTROL_FLOW_EXTENSION: &[u8] = b"SPV_KHR_subgroup_uniform_control_flow";
 
 /// The source of modules, and additions to them.
 #[derive(Clone, Debug, Default)]
@@ -21,6 +24,9 @@ pub(super) struct Modules {
     /// Whether modules declare that float32 infinities and NaN are kept: without it, Vulkan lets a driver assume that
     /// there are none. Only devices with the property accept it.
     pub keep_nan: bool,
+    /// Whether modules declare that a subgroup that enters a construct as one leaves it as one: without it, SPIR-V says so of
+    /// whole workgroups alone, and the subgroups of a tile walk loops of different lengths.
+    pub reconverge: bool,
 }
 
 impl Modules {
@@ -35,7 +41,11 @@ impl Modules {
             None => words(shader.spirv),
         };
         if self.keep_nan {
-            keep_nan(&mut words);
+            let capability = [OP_CAPABILITY | 2 << 16, SIGNED_ZERO_INF_NAN_PRESERVE_CAPABILITY];
+            declare(&mut words, &capability, &[SIGNED_ZERO_INF_NAN_PRESERVE, 32]);
+        }
+        if self.reconverge {
+            declare(&mut words, &extension(SUBGROUP_UNIFORM_CONTROL_FLOW_EXTENSION), &[SUBGROUP_UNIFORM_CONTROL_FLOW]);
         }
         Ok(words)
     }
@@ -45,17 +55,26 @@ fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|b| u32::from_le_bytes(*b)).collect()
 }
 
-/// Declares that the module's only entry point keeps float32 infinities, NaN and the signs of zeros.
-fn keep_nan(words: &mut Vec<u32>) {
-    let mut at = HEADER;
+/// The instruction that declares an extension.
+fn extension(name: &[u8]) -> Vec<u32> {
+    // Text ends with a zero byte.
+    let padded = [name, &[0; 4][..4 - name.len() % 4]].concat();
+    let length = 1 + padded.len() as u32 / 4;
+    [vec![OP_EXTENSION | length << 16], words(&padded)].concat()
+}
+
+/// Adds a capability or an extension, and an execution mode of the module's only entry point.
+fn declare(words: &mut Vec<u32>, needed: &[u32], mode: &[u32]) {
+    let (mut at, mut after_capabilities) = (HEADER, HEADER);
     while let Some(word) = words.get(at) {
         let (length, operation) = ((word >> 16) as usize, word & 0xffff);
+        if operation == OP_CAPABILITY {
+            after_capabilities = at + length;
+        }
         if operation == OP_ENTRY_POINT {
-            let main = words[at + 2];
-            let mode = [OP_EXECUTION_MODE | 4 << 16, main, SIGNED_ZERO_INF_NAN_PRESERVE, 32];
-            words.splice(at + length..at + length, mode);
-            let capability = [OP_CAPABILITY | 2 << 16, SIGNED_ZERO_INF_NAN_PRESERVE_CAPABILITY];
-            words.splice(HEADER..HEADER, capability);
+            let head = [OP_EXECUTION_MODE | (2 + mode.len() as u32) << 16, words[at + 2]];
+            words.splice(at + length..at + length, head.iter().chain(mode).copied());
+            words.splice(after_capabilities..after_capabilities, needed.iter().copied());
             return;
         }
         at += length.max(1);
@@ -67,15 +86,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_mode_stands_behind_the_entry_point() {
+    fn modes_stand_behind_the_entry_point_and_what_they_need_behind_the_capabilities() {
         let header = [0x0723_0203, 0x0001_0500, 0, 9, 0];
         let shader = [OP_CAPABILITY | 2 << 16, 1, 0xe | 3 << 16, 0, 1];
         let entry = [OP_ENTRY_POINT | 5 << 16, 5, 4, 0x6e69_616d, 0];
         let rest = [OP_EXECUTION_MODE | 6 << 16, 4, 17, 1, 1, 1];
         let mut words = [&header[..], &shader, &entry, &rest].concat();
-        keep_nan(&mut words);
         let capability = [OP_CAPABILITY | 2 << 16, 4466];
-        let mode = [OP_EXECUTION_MODE | 4 << 16, 4, 4461, 32];
-        assert_eq!(words, [&header[..], &capability, &shader, &entry, &mode, &rest].concat());
+        declare(&mut words, &capability, &[4461, 32]);
+        let named = extension(b"SPV_four");
+        assert_eq!(named, [OP_EXTENSION | 4 << 16, 0x5f56_5053, 0x7275_6f66, 0]);
+        assert_eq!(extension(b"SPV"), [OP_EXTENSION | 2 << 16, 0x0056_5053]);
+        declare(&mut words, &named, &[4421]);
+        let modes = [OP_EXECUTION_MODE | 3 << 16, 4, 4421, OP_EXECUTION_MODE | 4 << 16, 4, 4461, 32];
+        let (first, memory) = shader.split_at(2);
+        assert_eq!(words, [&header[..], first, &capability, &named, memory, &entry, &modes, &rest].concat());
     }
 }

@@ -7,6 +7,7 @@ use super::error::{During, Error};
 use super::kernel::Shader;
 use super::recording::Recording;
 use ash::vk;
+use flate2::Crc;
 use rustc_hash::FxHashMap;
 use std::num::NonZero;
 use std::panic::resume_unwind;
@@ -148,8 +149,8 @@ impl Pipelines {
         let name = format!("pipelines-{:032x}.bin", u128::from_be_bytes(cache_uuid));
         let file = dirs::cache_dir().map(|d| d.join("qirf-vk").join(name));
         let cached = file.as_ref().and_then(|p| std::fs::read(p).ok()).unwrap_or_default();
-        let info = vk::PipelineCacheCreateInfo::default().initial_data(&cached);
-        // SAFETY: Vulkan checks the data's header and ignores what is not its own.
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(whole(&cached));
+        // SAFETY: the data are as `save` got them from a driver, which checks their header and ignores what is not its own.
         let cache = unsafe { device.create_pipeline_cache(&info, None) }.during("create pipeline cache")?;
         Ok(Self { made: Mutex::default(), cache, file })
     }
@@ -187,7 +188,8 @@ impl Pipelines {
         let Some(file) = &self.file else { return };
         // SAFETY: the cache is alive.
         let Ok(data) = (unsafe { device.get_pipeline_cache_data(self.cache) }) else { return };
-        if std::fs::metadata(file).is_ok_and(|m| m.len() == data.len() as u64) {
+        let stored = [&checksum(&data)[..], &data].concat();
+        if std::fs::metadata(file).is_ok_and(|m| m.len() == stored.len() as u64) {
             return;
         }
         // Failing to write the cache only costs the next start some time.
@@ -195,7 +197,7 @@ impl Pipelines {
         let saved = file
             .parent()
             .map_or(Ok(()), std::fs::create_dir_all)
-            .and_then(|()| std::fs::write(&temporary, &data))
+            .and_then(|()| std::fs::write(&temporary, &stored))
             .and_then(|()| std::fs::rename(&temporary, file));
         if let Err(e) = saved {
             let _ = std::fs::remove_file(&temporary);
@@ -218,6 +220,18 @@ impl Pipelines {
     }
 }
 
+/// The CRC-32 of data of a pipeline cache, which stands before them in the file.
+fn checksum(data: &[u8]) -> [u8; 4] {
+    let mut crc = Crc::new();
+    crc.update(data);
+    crc.sum().to_le_bytes()
+}
+
+/// The data of a pipeline cache as stored; none if the file was cut short or damaged, which not every driver survives.
+fn whole(stored: &[u8]) -> &[u8] {
+    stored.split_first_chunk::<4>().filter(|(sum, data)| **sum == checksum(data)).map_or(&[], |(_, data)| data)
+}
+
 /// Creates pipelines on as many threads as the host has cores. They are dedicated threads: a pool's thread might pick
 /// up work that waits for the lock held meanwhile.
 fn make(context: &Context, wanted: &[(Key, &'static Shader)]) -> Vec<(Key, Result<Pipeline, Error>)> {
@@ -233,4 +247,20 @@ fn make(context: &Context, wanted: &[(Key, &'static Shader)]) -> Vec<(Key, Resul
         let threads: Vec<_> = threads.collect();
         threads.into_iter().flat_map(|t| t.join().unwrap_or_else(|e| resume_unwind(e))).collect()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_damaged_cache_is_empty() {
+        let stored = [&checksum(b"header and pipelines")[..], b"header and pipelines"].concat();
+        assert_eq!(whole(&stored), b"header and pipelines");
+        let mut damaged = stored.clone();
+        damaged[12] ^= 1;
+        for wrong in [&stored[..stored.len() - 1], &stored[..3], &[], &damaged] {
+            assert_eq!(whole(wrong), b"");
+        }
+    }
 }

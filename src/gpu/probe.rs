@@ -22,30 +22,62 @@ pub(super) fn check(device: &Device) -> Result<u32, Error> {
     let distrust =
         |what| Error::Driver { device: device.info().name.clone(), driver: device.info().driver.clone(), what };
     let lanes = device.buffer::<[u32; 4]>("probe of subgroups", INVOCATIONS as usize)?;
+    let added = device.buffer::<u32>("probe of branches", INVOCATIONS as usize)?;
     let sum = device.buffer::<u32>("probe of loops", 1)?;
     let mut recording = Recording::new();
     let spec = SubgroupsSpec { workgroup: INVOCATIONS };
-    recording.dispatch(&Subgroups { seen: &lanes, spec }, Groups::Count(1));
+    recording.dispatch(&Subgroups { seen: &lanes, added: &added, spec }, Groups::Count(1));
     // Only CPU drivers have such a limit; on the slowest GPUs the loop would take a while.
     let loops = device.info().kind == DeviceKind::Cpu;
     if loops {
         let kernel = Loop { result: &sum, push: LoopPush { iterations: ITERATIONS }, spec: LoopSpec::default() };
         recording.dispatch(&kernel, Groups::Count(1));
     }
-    let count = INVOCATIONS as usize * 4;
-    let mut landing = device.readback::<u32>("probe", count + 1)?;
-    landing.submit(device, recording, &[(&lanes.cast(), count), (&sum, usize::from(loops))])?;
+    let invocations = INVOCATIONS as usize;
+    let count = invocations * 4;
+    let mut landing = device.readback::<u32>("probe", count + invocations + 1)?;
+    landing.submit(device, recording, &[(&lanes.cast(), count), (&added, invocations), (&sum, usize::from(loops))])?;
     let (seen, _) = landing.wait()?;
     // The loop sums 1..=n modulo 2^32.
     let expected = (1..=ITERATIONS).fold(0_u32, u32::wrapping_add);
-    if loops && seen[count] != expected {
+    let (seen, rest) = seen.split_at(count);
+    let (added, sum) = rest.split_at(invocations);
+    if loops && sum[0] != expected {
         return Err(distrust(
             "it ends shader loops early (Mesa before 25 does so after 65,535 iterations), which would cut pictures \
              without an error"
                 .to_owned(),
         ));
     }
-    width(bytemuck::cast_slice(&seen[..count])).map_err(distrust)
+    let width = width(bytemuck::cast_slice(seen)).map_err(distrust)?;
+    reconverges(added, width).map_err(distrust)?;
+    Ok(width)
+}
+
+/// Checks the sums over each subgroup's lanes of the steps of the Collatz sequence from `lane + round + 1` to 1, in as many
+/// rounds as the subgroup's number: an addition in which some lanes are missing gives less.
+fn reconverges(added: &[u32], width: u32) -> Result<(), String> {
+    let round = |round: u32| (0..width).map(|lane| steps(lane + round + 1)).sum::<u32>();
+    let mut all = 0;
+    for (subgroup, added) in (0..).zip(added.chunks(width.max(1) as usize)) {
+        all += round(subgroup);
+        if let Some(wrong) = added.iter().find(|added| **added != all) {
+            return Err(format!(
+                "its subgroups do not meet again after branches: subgroup {subgroup} of {width} added up to {wrong} instead of {all}"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Steps of the Collatz sequence from `n` to 1.
+fn steps(mut n: u32) -> u32 {
+    let mut count = 0;
+    while n > 1 {
+        n = if n.is_multiple_of(2) { n / 2 } else { 3 * n + 1 };
+        count += 1;
+    }
+    count
 }
 
 /// The subgroup size that all invocations agree on. Each reports the lanes of its subgroup, the driver's value for
@@ -85,6 +117,15 @@ mod tests {
         for width in [4, 8, 16, 32, 64, 128] {
             assert_eq!(super::width(&sound(width)), Ok(width));
         }
+    }
+
+    #[test]
+    fn lanes_that_miss_an_addition_are_named() {
+        assert_eq!((steps(1), steps(6), steps(27)), (0, 8, 111));
+        // Subgroups of 2: steps 0 + 1, then 1 + 7 more.
+        assert_eq!(reconverges(&[1, 1, 9, 9], 2), Ok(()));
+        let error = reconverges(&[1, 1, 9, 8], 2).expect_err("a lane was missing");
+        assert!(error.contains("subgroup 1 of 2 added up to 8 instead of 9"), "{error}");
     }
 
     #[test]

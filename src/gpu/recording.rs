@@ -164,8 +164,11 @@ impl Recording {
     pub fn dispatch(&mut self, kernel: &dyn Kernel, groups: Groups<'_>) {
         let size = match groups {
             Groups::Count(0) => return,
-            Groups::Count(n) if n <= MAX_GROUPS => Size::Direct([n, 1, 1]),
-            Groups::Count(n) => Size::Direct([MAX_GROUPS, n.div_ceil(MAX_GROUPS), 1]),
+            Groups::Count(n) => {
+                // Rows of equal length: few surplus workgroups.
+                let rows = n.div_ceil(MAX_GROUPS);
+                Size::Direct([n.div_ceil(rows), rows, 1])
+            }
             Groups::Indirect(buffer, word) => Size::Indirect(buffer.raw().clone(), u64::from(word) * 4),
         };
         let dispatch = self.arguments.add(kernel, size);

@@ -144,20 +144,35 @@ impl Ticket {
             // SAFETY: the queries were all written, since the fence has signalled.
             let read =
                 unsafe { device.get_query_pool_results(frame.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) };
-            queue.answered(read).during("read timestamps")?;
-            let seconds =
-                |scope: &Scope| ticks[scope.end as usize].saturating_sub(ticks[scope.begin as usize]) as f64 * period;
+            match queue.answered(read) {
+                Ok(()) => {}
+                Err(e) if queue.is_lost() => return Err(e).during("read timestamps"),
+                Err(e) => {
+                    tracing::debug!("no times of this submission: {e}");
+                    return Ok(timings);
+                }
+            }
+            let seconds = |scope: &Scope| {
+                elapsed(ticks[scope.begin as usize], ticks[scope.end as usize]).map(|ticks| ticks as f64 * period)
+            };
             for scope in &self.scopes {
-                timings.add(scope.name, seconds(scope));
+                if let Some(seconds) = seconds(scope) {
+                    timings.add(scope.name, seconds);
+                }
             }
             if let Some(pace) = &context.pace {
                 for dispatches in &self.dispatches {
-                    pace.learn(dispatches.iter().map(|dispatch| (dispatch.name, seconds(dispatch))));
+                    pace.learn(dispatches.iter().filter_map(|dispatch| Some((dispatch.name, seconds(dispatch)?))));
                 }
             }
         }
         Ok(timings)
     }
+}
+
+/// Ticks between two timestamps; none if either is missing: MoltenVK leaves some at 0, though the work is done.
+fn elapsed(begin: u64, end: u64) -> Option<u64> {
+    end.checked_sub(begin).filter(|_| begin > 0)
 }
 
 impl Drop for Ticket {
@@ -168,6 +183,19 @@ impl Drop for Ticket {
             && !known
         {
             tracing::error!("{e}");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::elapsed;
+
+    #[test]
+    fn missing_timestamps_tell_nothing() {
+        let cases = [((5, 7), Some(2)), ((5, 5), Some(0)), ((0, 7), None), ((5, 0), None), ((0, 0), None)];
+        for ((begin, end), ticks) in cases {
+            assert_eq!(elapsed(begin, end), ticks);
         }
     }
 }

@@ -12,6 +12,9 @@ use std::ffi::CStr;
 /// Shared memory that kernels of every tuning fit into: the minimum that Vulkan guarantees.
 pub(in crate::gpu) const SHARED_BYTES: u32 = 16 << 10;
 
+/// Subgroup size on Intel's GPUs.
+const INTEL_SUBGROUP: u32 = 16;
+
 /// Vulkan's report on a physical device. The structures' own pointers to each other are never followed.
 #[derive(Default)]
 pub(in crate::gpu) struct Report {
@@ -31,6 +34,9 @@ pub(in crate::gpu) struct Report {
     budget: vk::PhysicalDeviceMemoryBudgetPropertiesEXT<'static>,
     id: vk::PhysicalDeviceIDProperties<'static>,
     bus: vk::PhysicalDevicePCIBusInfoPropertiesEXT<'static>,
+    allocation: vk::PhysicalDeviceMaintenance3Properties<'static>,
+    buffers: vk::PhysicalDeviceMaintenance4Properties<'static>,
+    uniform: vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR<'static>,
 }
 
 impl Report {
@@ -62,13 +68,16 @@ impl Report {
             khr::push_descriptor::NAME,
             compiled::EXTENSION,
             ext::pci_bus_info::NAME,
+            khr::maintenance4::NAME,
+            khr::shader_subgroup_uniform_control_flow::NAME,
         ];
-        let [control, atomic, budget, push, executables, bus] = names.map(|name| self.has(name));
+        let [control, atomic, budget, push, executables, bus, buffers, uniform] = names.map(|name| self.has(name));
         let mut properties = vk::PhysicalDeviceProperties2::default()
             .push_next(&mut self.driver)
             .push_next(&mut self.subgroup)
             .push_next(&mut self.floats)
-            .push_next(&mut self.id);
+            .push_next(&mut self.id)
+            .push_next(&mut self.allocation);
         let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut self.vulkan_1_2);
         let mut memory = vk::PhysicalDeviceMemoryProperties2::default();
         if control {
@@ -80,6 +89,12 @@ impl Report {
         }
         if bus {
             properties = properties.push_next(&mut self.bus);
+        }
+        if buffers {
+            properties = properties.push_next(&mut self.buffers);
+        }
+        if uniform {
+            features = features.push_next(&mut self.uniform);
         }
         if atomic {
             features = features.push_next(&mut self.atomic);
@@ -110,10 +125,12 @@ impl Report {
         self.families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
     }
 
-    /// The largest device-local heap: its index and bytes.
+    /// The largest device-local heap, or the largest one of a device that shares the host's memory, of which drivers may
+    /// declare only a part as local (AMD's on Windows: some hundred megabytes): its index and bytes.
     fn heap(&self) -> Option<(usize, u64)> {
+        let shared = self.base.device_type == vk::PhysicalDeviceType::INTEGRATED_GPU;
         let heaps = self.memory.memory_heaps_as_slice().iter().enumerate();
-        let local = heaps.filter(|(_, h)| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
+        let local = heaps.filter(|(_, h)| shared || h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL));
         local.map(|(i, h)| (i, h.size)).max_by_key(|(_, size)| *size)
     }
 
@@ -166,10 +183,26 @@ impl Report {
             (Feature::KernelStatistics, self.executables.pipeline_executable_info != 0),
             (Feature::NanPreserve, self.floats.shader_signed_zero_inf_nan_preserve_float32 != 0),
             (Feature::PushDescriptors, self.push.max_push_descriptors >= needs::STORAGE_BUFFERS),
+            (Feature::UniformSubgroups, self.uniform.shader_subgroup_uniform_control_flow != 0),
             (Feature::FullSubgroups, self.control_features.compute_full_subgroups != 0),
             (Feature::PortabilitySubset, self.has(khr::portability_subset::NAME)),
         ];
         features.into_iter().filter(|(_, there)| *there).map(|(feature, _)| feature).collect()
+    }
+
+    /// The subgroup size to use. Intel's GPUs report their widest, with which a lane has 32 registers where the rasterisers
+    /// need 60 to 90; with half of it, it has 64.
+    fn subgroup_size(&self, class: DeviceClass, pinned: bool) -> u32 {
+        let range = self.control.min_subgroup_size..=self.control.max_subgroup_size;
+        let half = INTEL_SUBGROUP;
+        if pinned && class == DeviceClass::Intel && range.contains(&half) { half } else { self.subgroup.subgroup_size }
+    }
+
+    /// Bytes of the largest buffer that can be made and bound by a kernel.
+    fn largest_buffer(&self) -> u64 {
+        let given = [self.allocation.max_memory_allocation_size, self.buffers.max_buffer_size];
+        let limits = given.into_iter().filter(|bytes| *bytes > 0);
+        limits.fold(u64::from(self.base.limits.max_storage_buffer_range), u64::min)
     }
 
     fn pci(&self) -> Option<PciAddress> {
@@ -198,9 +231,10 @@ impl Report {
         let (version, limits) = (self.base.api_version, &self.base.limits);
         let [major, minor, patch] =
             [vk::api_version_major(version), vk::api_version_minor(version), vk::api_version_patch(version)];
-        let size = self.subgroup.subgroup_size;
+        let class = DeviceClass::of(kind == DeviceKind::Cpu, self.base.vendor_id);
         let pinned = optional.contains(&Feature::SubgroupSizeControl);
         let workgroup = limits.max_compute_work_group_invocations.min(limits.max_compute_work_group_size[0]);
+        let size = self.subgroup_size(class, pinned);
         // If kernels request a subgroup size, a workgroup has at most this many subgroups.
         let asked = pinned && self.control.min_subgroup_size < self.control.max_subgroup_size;
         let subgroups = if asked { self.control.max_compute_workgroup_subgroups } else { u32::MAX };
@@ -210,7 +244,7 @@ impl Report {
             index,
             name: text(self.base.device_name_as_c_str()),
             kind,
-            class: DeviceClass::of(kind == DeviceKind::Cpu, self.base.vendor_id),
+            class,
             driver: format!(
                 "{} {}",
                 text(self.driver.driver_name_as_c_str()),
@@ -223,7 +257,7 @@ impl Report {
             } else {
                 [size, size]
             },
-            max_buffer_bytes: u64::from(limits.max_storage_buffer_range),
+            max_buffer_bytes: self.largest_buffer(),
             max_storage_buffers: limits
                 .max_per_stage_descriptor_storage_buffers
                 .min(limits.max_descriptor_set_storage_buffers)
@@ -246,6 +280,7 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gpu::tuning::TuningChoice;
 
     /// The report of a Mac with Apple's GPU through a version of MoltenVK.
     fn moltenvk(version: u32) -> Report {
@@ -268,6 +303,44 @@ mod tests {
         report.subgroup.supported_operations = vk::SubgroupFeatureFlags::from_raw(0xff);
         report.vulkan_1_2.subgroup_broadcast_dynamic_id = vk::TRUE;
         report
+    }
+
+    #[test]
+    fn limits_that_makers_report() {
+        let mut report = moltenvk(1_03_00);
+        report.base.limits.max_storage_buffer_range = u32::MAX;
+        assert_eq!(report.info(0).max_buffer_bytes, u64::from(u32::MAX), "a device that tells no more");
+        // AMD's drivers for Windows.
+        report.allocation.max_memory_allocation_size = 2 << 30;
+        report.memory.memory_heap_count = 2;
+        report.memory.memory_heaps[0] = vk::MemoryHeap { size: 512 << 20, flags: vk::MemoryHeapFlags::DEVICE_LOCAL };
+        report.memory.memory_heaps[1] = vk::MemoryHeap { size: 15 << 30, flags: vk::MemoryHeapFlags::empty() };
+        for (kind, bytes) in
+            [(vk::PhysicalDeviceType::INTEGRATED_GPU, 15 << 30), (vk::PhysicalDeviceType::DISCRETE_GPU, 512 << 20)]
+        {
+            report.base.device_type = kind;
+            assert_eq!((report.info(0).memory_bytes, report.info(0).max_buffer_bytes), (bytes, 2 << 30));
+        }
+    }
+
+    #[test]
+    fn intel_has_subgroups_of_16_where_they_can_be_requested() {
+        let mut report = moltenvk(1_03_00);
+        report.base.vendor_id = 0x8086;
+        assert_eq!(report.info(0).subgroup_size, 32);
+        report.control_features.subgroup_size_control = vk::TRUE;
+        report.control = vk::PhysicalDeviceSubgroupSizeControlProperties {
+            min_subgroup_size: 8,
+            max_subgroup_size: 32,
+            max_compute_workgroup_subgroups: 64,
+            required_subgroup_size_stages: vk::ShaderStageFlags::COMPUTE,
+            ..Default::default()
+        };
+        let info = report.info(0);
+        assert_eq!((info.subgroup_size, info.subgroup_range, info.max_workgroup), (16, [8, 32], 1024));
+        assert_eq!(TuningChoice::default().on(&info).map(|tuning| tuning.subgroup).ok(), Some(16));
+        report.base.vendor_id = 0x1002;
+        assert_eq!(report.info(0).subgroup_size, 32);
     }
 
     #[test]

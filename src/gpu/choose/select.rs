@@ -59,6 +59,8 @@ named! {
         NanPreserve = "nan-preserve",
         /// Buffers can be bound inside command buffers.
         PushDescriptors = "push-descriptors",
+        /// Subgroups that enter a branch or loop as one leave it as one, if kernels declare it.
+        UniformSubgroups = "uniform-subgroups",
         /// Kernels can request workgroups of whole subgroups.
         FullSubgroups = "full-subgroups",
         /// The device sits on another interface, such as Metal, and may lack parts of Vulkan.
@@ -85,13 +87,13 @@ pub struct DeviceInfo {
     pub subgroup_size: u32,
     /// Smallest and largest subgroup size that can be requested.
     pub subgroup_range: [u32; 2],
-    /// Largest buffer that a kernel can bind, in bytes.
+    /// Largest buffer that can be made and bound by a kernel, in bytes.
     pub max_buffer_bytes: u64,
     /// Most buffers that a kernel can bind.
     pub max_storage_buffers: u32,
     /// Bytes of push constants.
     pub push_bytes: u32,
-    /// Memory of the largest device-local heap, in bytes.
+    /// Memory of the largest device-local heap, in bytes; where the device shares the host's memory, of the largest heap.
     pub memory_bytes: u64,
     /// Shared memory of a workgroup, in bytes.
     pub shared_bytes: u32,
@@ -126,7 +128,7 @@ pub(in crate::gpu) struct Candidate {
     pub physical: vk::PhysicalDevice,
     pub queue_family: u32,
     pub pipeline_cache_uuid: [u8; 16],
-    /// Bytes of the largest device-local heap that are free for this program, as reported by the driver.
+    /// Bytes of the heap of [`DeviceInfo::memory_bytes`] that are free for this program, as reported by the driver.
     pub free_bytes: Option<u64>,
     /// Its place among devices of its kind, in the environment's order or Vulkan's.
     pub place: usize,

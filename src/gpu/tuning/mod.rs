@@ -197,7 +197,9 @@ impl Tuning {
     fn gpu(class: DeviceClass, subgroup: u32, max_workgroup: u32) -> Self {
         let tile = 16;
         // Eight rank units per workgroup hold their counters in 8 KiB of shared memory, and finally a block's keys.
-        let sort_workgroup = (8 * subgroup).min(max_workgroup);
+        // A power of two, as the number of keys of a block has to be.
+        let most = 1 << max_workgroup.max(1).ilog2();
+        let sort_workgroup = (8 * subgroup).min(most);
         let sort_rows_max = (2048 / sort_workgroup).clamp(1, 8);
         Self {
             class,
@@ -295,6 +297,8 @@ impl Tuning {
         need((1..=64).contains(&self.adam_block), "adam_block", "from 1 to 64")?;
         let loss = self.loss_tile * self.loss_tile <= info.max_workgroup && [0, 8, 16].contains(&self.loss_tile);
         need(loss, "loss_tile", "0, 8 or 16, its square no more than a workgroup")?;
+        let whole = (self.loss_tile * self.loss_tile).is_multiple_of(subgroup);
+        need(whole, "loss_tile", "the side of a square of whole subgroups")?;
         let positive = [
             ("scan_rows", self.scan_rows),
             ("sort_workgroups", self.sort_workgroups),
@@ -339,6 +343,9 @@ mod tests {
     #[test]
     fn shapes_fit_every_subgroup() {
         for subgroup in [4, 8, 16, 32, 64, 128] {
+            for row in [1024, 768, 384].map(|most| Tuning::gpu(DeviceClass::Gpu, subgroup, most)) {
+                assert!(row.sort_workgroup.is_power_of_two() && row.sort_rows_max.is_power_of_two(), "{row:?}");
+            }
             for row in [Tuning::cpu(subgroup), Tuning::gpu(DeviceClass::Gpu, subgroup, 1024)] {
                 // No CPU device has subgroups wider than the 64 pixels of a tile.
                 assert!(subgroup > 64 || (row.tile * row.tile).is_multiple_of(row.rasterise_workgroup), "{row:?}");
