@@ -26,6 +26,7 @@ mod device {
     mod rrdm;
     mod selftest;
     mod train;
+    mod trial;
     mod tuning;
     mod watch;
     mod work;

@@ -37,6 +37,7 @@ mod training_set;
 
 pub use decision::{Decision, is_on};
 pub use effect::{Effect, Trigger};
+pub use geometry::poses_by_trial;
 pub use overrides::{Choice, Overrides};
 pub use training_set::{DepthEvidence, DepthWitness, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 

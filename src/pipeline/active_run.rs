@@ -81,10 +81,10 @@ impl<'a> ActiveRun<'a> {
             let trainer = Trainer::resume(device, &snapshot, views, prepared.extent, options)?;
             (trainer, RunNotes { config: text, photos, contents, ..notes })
         } else {
-            let model = initialise(config, prepared, start)?;
+            let model = initialise(config, prepared, &start)?;
             let initial = model.len();
             let trainer = Trainer::new(device, &model, views, prepared.extent, options(initial))?;
-            let none = RunNotes { config: text, initial, photos, contents, ..RunNotes::default() };
+            let none = RunNotes { config: text, initial, photos, contents, trial: setup.trial, ..RunNotes::default() };
             (trainer, none)
         };
         // Starts empty and grows on demand; runs in blocks never use it.

@@ -2,7 +2,7 @@
 //! its prunes, a run would prune again.
 
 use crate::job::Error;
-use crate::job::records::{CurvePoint, PruneRecord};
+use crate::job::records::{CurvePoint, PruneRecord, Trial};
 use crate::scene::Names;
 use crate::train::checkpoint::{OWN_NOTES, Snapshot};
 use serde::de::DeserializeOwned;
@@ -27,6 +27,8 @@ pub struct RunNotes {
     pub photos: Vec<String>,
     /// Checksum of each photo by name ([`super::prepare::Prepared::contents`]); none in checkpoints of earlier versions.
     pub contents: BTreeMap<String, u32>,
+    /// The short training ahead of it, if there was one.
+    pub trial: Option<Trial>,
 }
 
 impl RunNotes {
@@ -40,6 +42,7 @@ impl RunNotes {
             ("initial", serde_json::to_string(&self.initial)?),
             ("photos", serde_json::to_string(&self.photos)?),
             ("contents", serde_json::to_string(&self.contents)?),
+            ("trial", serde_json::to_string(&self.trial)?),
         ]
         .map(|(name, text)| (name.to_owned(), text))
         .into())
@@ -77,8 +80,9 @@ impl RunNotes {
             initial: json("initial", text("initial")?)?,
             photos: notes.get("photos").map_or(Ok(Vec::new()), |text| json("photos", text))?,
             contents: notes.get("contents").map_or(Ok(BTreeMap::new()), |text| json("contents", text))?,
+            trial: notes.get("trial").map_or(Ok(None), |text| json("trial", text))?,
         };
-        let known = ["config", "curve", "prunes", "seconds", "initial", "photos", "contents"];
+        let known = ["config", "curve", "prunes", "seconds", "initial", "photos", "contents", "trial"];
         match notes.keys().find(|name| !known.contains(&name.as_str()) && !OWN_NOTES.contains(&name.as_str())) {
             Some(name) => Err(format!("the note '{name}' is unknown")),
             None => Ok(read),

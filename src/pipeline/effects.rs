@@ -1,12 +1,13 @@
 //! Effects that a scene calls for, decided on a run's training photos, and their consequences for the run.
 
-use super::depth_maps;
 use super::prepare::Prepared;
+use super::{depth_maps, trial};
 use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
 use crate::job::Error;
 use crate::job::config::RunConfig;
+use crate::job::records::{CameraErrors, Trial};
 use crate::render::Style;
 use crate::scene::{EVAL_EVERY, LoadOptions, LoadedPhotos, Resize, Scene, Skipped, View, load_photos, median};
 use crate::train::{self, schedule::Schedule};
@@ -59,7 +60,12 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     skipped.notes.extend(notes.into_iter().chain(maps.notes));
     let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
     let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
-    Ok((effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0, skipped))
+    let mut decisions = effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0;
+    if let Some(length) = trial::length(iterations, train.len()).filter(|_| untold(&decisions, Effect::Poses)) {
+        let poses = decisions.iter_mut().filter(|d| d.name == Effect::Poses);
+        poses.for_each(|d| d.evidence += &format!("; a run begins with a trial of {length} iterations that tells"));
+    }
+    Ok((decisions, skipped))
 }
 
 /// Decides on view dependence for a model without photos: the SH bands that change a colour by 1/255 or more.
@@ -133,6 +139,22 @@ pub fn summary(decisions: &[Decision]) -> String {
     format!("effects: {}{near}", list(&|d| d.on))
 }
 
+/// Returns true if the scene is to decide on an effect, and nothing measured it.
+pub fn untold(decisions: &[Decision], effect: Effect) -> bool {
+    decisions.iter().any(|d| d.name == effect && !d.forced && d.measured.is_none())
+}
+
+/// Decides on poses by a trial, if nothing else told.
+pub fn try_out(decisions: &mut [Decision], trial: &Trial) {
+    let Some(CameraErrors { pixels, psnr, fitted_psnr, .. }) = trial.cameras.filter(CameraErrors::tells) else {
+        return;
+    };
+    if untold(decisions, Effect::Poses) {
+        let tried = effects::poses_by_trial(pixels, [psnr, fitted_psnr]);
+        decisions.iter_mut().filter(|d| d.name == Effect::Poses).for_each(|d| *d = tried.clone());
+    }
+}
+
 /// The decisions with how far the run moved the cameras, in pixels, if it did.
 #[must_use]
 pub fn moved(mut decisions: Vec<Decision>, pixels: Option<Vec<f64>>) -> Vec<Decision> {
@@ -159,6 +181,23 @@ pub fn timed(mut decisions: Vec<Decision>, timings: &Timings) -> Vec<Decision> {
 mod tests {
     use super::*;
     use crate::job::config::Preset;
+
+    #[test]
+    fn a_trial_decides_only_what_nothing_else_told() {
+        let untold = Decision { on: false, measured: None, ..effects::poses_by_trial(0.0, [0.0; 2]) };
+        let on = |decision: &Decision, pixels: f64, [psnr, fitted_psnr]: [f64; 2]| {
+            let cameras = Some(CameraErrors { views: 8, pixels, psnr, fitted_psnr });
+            let mut decisions = [decision.clone()];
+            try_out(&mut decisions, &Trial { iterations: 500, cameras });
+            decisions[0].on
+        };
+        assert!(on(&untold, 0.5, [25.0, 25.4]));
+        assert!(!on(&untold, 0.2, [25.0, 25.4]) && !on(&untold, 0.5, [25.0, 25.2]));
+        assert!(!on(&untold, 0.5, [15.0, 15.4]), "too poor a model");
+        for told in [Decision { forced: true, ..untold.clone() }, Decision { measured: Some(0.1), ..untold.clone() }] {
+            assert!(!on(&told, 0.5, [25.0, 25.4]), "{told:?}");
+        }
+    }
 
     #[test]
     fn keys_that_decide_nothing_are_named() {

@@ -22,5 +22,6 @@ pub mod render;
 pub mod run;
 pub mod setup;
 pub mod start;
+pub mod trial;
 pub mod tune;
 pub mod virtual_views;

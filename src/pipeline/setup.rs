@@ -3,10 +3,12 @@
 use super::checkpoint::Checkpoint;
 use super::prepare::{Prepared, open, refuse_photo_folders};
 use super::start::Start;
+use super::trial::trial;
 use super::{budget, effects};
 use crate::effects::Decision;
 use crate::gpu::Device;
 use crate::job::config::{Init, RunConfig};
+use crate::job::records::Trial;
 use crate::job::session::Session;
 use crate::job::{Error, Output, Watcher};
 use crate::train::Exposures;
@@ -24,6 +26,8 @@ pub struct Setup<'a> {
     pub estimated_bytes: u64,
     /// The decision on each effect.
     pub decisions: Vec<Decision>,
+    /// The short training that was evidence for some of them, if there was one.
+    pub trial: Option<Trial>,
     /// The training views' exposures, if each has one of its own: learnt from measured gains, or known.
     pub exposures: Exposures,
     /// Mean of the camera centres of a scene of which `prepared` has a part; see [`crate::train::Options::cameras`].
@@ -60,8 +64,15 @@ impl<'a> Setup<'a> {
         let schedule = &config.schedule;
         let limit = schedule.growth.and_then(|plan| plan.limit(&pixels, schedule.iterations));
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
-        let (decisions, gains) = effects::decide(&prepared, config)?;
+        let (mut decisions, gains) = effects::decide(&prepared, config)?;
         let prepared = prepared.in_usual_unit();
+        let trial = match &start {
+            Start::Resumed(checkpoint) => checkpoint.notes.trial,
+            _ => trial(session, &config.decided(&decisions), (&prepared, &start), &decisions)?,
+        };
+        if let Some(trial) = &trial {
+            effects::try_out(&mut decisions, trial);
+        }
         watcher.note(&effects::summary(&decisions));
         if let Some(note) = limit {
             watcher.note(&note);
@@ -78,6 +89,7 @@ impl<'a> Setup<'a> {
             prepared,
             estimated_bytes,
             decisions,
+            trial,
             exposures,
             cameras: None,
             begun,

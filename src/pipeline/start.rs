@@ -74,14 +74,14 @@ impl Start {
 ///
 /// # Errors
 /// Cameras that leave no room for random points.
-pub fn initialise(config: &RunConfig, prepared: &Prepared, start: Start) -> Result<Gaussians, Error> {
+pub fn initialise(config: &RunConfig, prepared: &Prepared, start: &Start) -> Result<Gaussians, Error> {
     let blender = prepared.scene.kind == SceneKind::Blender;
     let seeds: Vec<Seed> = match start {
         Start::Model(model) => return Ok(model.scaled(1.0 / prepared.scene.unit).into_owned()),
-        Start::Resumed(checkpoint) => return Ok(checkpoint.snapshot.model),
+        Start::Resumed(checkpoint) => return Ok(checkpoint.snapshot.model.clone()),
         Start::Points(_) => prepared.scene.points.iter().map(Seed::from).collect(),
         Start::Random(count) => {
-            initialise::random_in(&prepared.train, count, (blender, prepared.scene.near), u64::from(config.seed))?
+            initialise::random_in(&prepared.train, *count, (blender, prepared.scene.near), u64::from(config.seed))?
         }
     };
     let model = initialise::from_points_in(&seeds, prepared.unit());

@@ -1,12 +1,15 @@
 //! Errors of held-out photos' cameras.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Median error in pixels, and gain in dB, from which a run says that the poses limit it.
 const TOLD: (f64, f64) = (0.3, 0.3);
 
+/// PSNR in dB of held-out photos below which a model is no witness: cameras then fit what it gets wrong.
+const WITNESS: f64 = 20.0;
+
 /// Errors of the cameras of held-out photos, as a model shows them.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraErrors {
     /// Number of photos looked at.
     pub views: usize,
@@ -19,13 +22,18 @@ pub struct CameraErrors {
 }
 
 impl CameraErrors {
+    /// Returns true if the model shows enough of the photos to be believed.
+    pub fn tells(&self) -> bool {
+        self.psnr >= WITNESS
+    }
+
     /// A sentence for a user whose poses limit the result; none if they do not. It has no advice if `known`: where cameras are
     /// corrected already, or nothing is trained.
     pub fn note(&self, known: bool) -> Option<String> {
         let Self { pixels, psnr, fitted_psnr, .. } = *self;
         let (least, gain) = TOLD;
         let advice = if known { "" } else { "; --effect poses=on corrects those of the training photos" };
-        (pixels >= least && fitted_psnr - psnr >= gain).then(|| {
+        (self.tells() && pixels >= least && fitted_psnr - psnr >= gain).then(|| {
             format!(
                 "the poses are inaccurate: held-out photos have {psnr:.2} dB, and {fitted_psnr:.2} dB if their cameras \
                  move by {pixels:.1} pixels (median){advice}"

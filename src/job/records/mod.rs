@@ -7,6 +7,7 @@ mod curve;
 mod floaters;
 mod prune;
 mod run;
+mod trial;
 
 pub use aim::{Aim, Point};
 pub use cameras::CameraErrors;
@@ -19,3 +20,4 @@ pub use prune::{AttritionRecord, PruneGuards, PruneRecord, PruneSeconds, RankRec
 pub use run::{
     Counts, CurvePoint, Guards, Memory, Protocol, RunRecord, Times, TrainScores, ViewScores, infinite_for_nulls,
 };
+pub use trial::Trial;

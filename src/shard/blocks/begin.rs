@@ -46,6 +46,7 @@ impl BlockRun {
             session: *session,
             prepared: Prepared { test: Vec::new(), ..prepared },
             estimated_bytes: 0,
+            trial: None,
             decisions: Vec::new(),
             exposures: Exposures::Known(maps.flatten().copied().collect()),
             cameras: Some((centre / self.unit).as_vec3().to_array()),

@@ -1,0 +1,56 @@
+//! The short training ahead of a run on a capture without tracks finds wrong poses, and leaves right ones alone.
+
+use crate::support::{Random, device, finish};
+use glam::DVec3;
+use qirf_vk::effects::Effect;
+use qirf_vk::job::config::{Preset, RunConfig};
+use qirf_vk::job::{Session, Silent};
+use qirf_vk::metrics::Networks;
+use qirf_vk::pipeline::effects::{decide, try_out, untold};
+use qirf_vk::pipeline::prepare::open;
+use qirf_vk::pipeline::start::Start;
+use qirf_vk::pipeline::trial::trial;
+use qirf_vk::scene::PhotoMemory;
+use qirf_vk::synth::{self, SynthOptions};
+
+/// Whether a trial of a synthetic capture without tracks decides to correct poses, and its sentence. Cameras to train on are turned by
+/// up to `wrong` pixels.
+fn decided(wrong: f64) -> (bool, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene");
+    let options = SynthOptions { views: 48, width: 64, height: 48, points: 900, ..SynthOptions::default() };
+    synth::write(&scene, &options, &|_| ()).unwrap();
+    let mut config = RunConfig::of(scene, Preset::Standard);
+    config.schedule.iterations = 5000;
+    let mut opened = open(&config.selection()).unwrap();
+    for point in &mut opened.scene.points {
+        point.track.clear();
+        point.error = 0.0;
+    }
+    let start = Start::of(&config, &opened.scene, 64 * 48).unwrap();
+    let mut prepared = opened.load_to_train(PhotoMemory::default(), &Silent).unwrap();
+    let (mut decisions, _) = decide(&prepared, &config).unwrap();
+    assert!(untold(&decisions, Effect::Poses), "{decisions:?}");
+    let mut random = Random(5);
+    for photo in &mut prepared.train {
+        let angle = wrong / photo.camera.focal.x;
+        let turn = DVec3::from([(); 3].map(|()| random.within(-angle, angle)));
+        photo.camera = photo.camera.moved(turn, DVec3::ZERO);
+    }
+    let device = device();
+    let networks = Networks::default();
+    let session = Session::new(&device, &networks);
+    let tried = trial(&session, &config.decided(&decisions), (&prepared, &start), &decisions).unwrap();
+    try_out(&mut decisions, &tried.expect("a trial"));
+    finish(&device);
+    let poses = decisions.into_iter().find(|d| d.name == Effect::Poses).expect("each effect is decided on");
+    (poses.on, poses.evidence)
+}
+
+#[test]
+fn poses_of_a_capture_without_tracks_are_tried_out() {
+    let (on, told) = decided(0.0);
+    assert!(!on, "{told}");
+    let (on, told) = decided(2.0);
+    assert!(on && told.contains("pixels to fit its model"), "{told}");
+}
