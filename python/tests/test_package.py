@@ -349,7 +349,9 @@ def test_an_exception_of_a_callback_ends_the_run(scene, tmp_path):
 
 def test_ctrl_c_leaves_a_checkpoint_and_the_run_goes_on(scene, tmp_path):
     out = tmp_path / "run"
-    code = f"import qirf_vk; qirf_vk.train({str(scene)!r}, iterations=4000, output={str(out)!r}, prune=False)"
+    # Processes that a shell starts in the background ignore SIGINT, and so do their children.
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{heard}; import qirf_vk; qirf_vk.train({str(scene)!r}, iterations=4000, output={str(out)!r}, prune=False)"
     child = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE)
     while not (out / "log.jsonl").exists() or not (out / "log.jsonl").read_text():
         assert child.poll() is None

@@ -132,15 +132,16 @@ impl Arguments {
         // Names of arms may be long.
         let width = compared.arms.iter().map(|a| a.name.len()).max().unwrap_or(0).max("arm".len());
         console.print(format_args!(
-            "{:<width$} {:>8} {:>6} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
-            "arm", "PSNR/dB", "+-", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
+            "{:<width$} {:>8} {:>6} {:>13} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
+            "arm", "PSNR/dB", "+-", "less first", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
         ))?;
         for arm in &compared.arms {
             console.print(format_args!(
-                "{:<width$} {:>8} {:>6} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
+                "{:<width$} {:>8} {:>6} {:>13} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
                 arm.name,
                 number(arm.psnr, 3),
                 number(arm.psnr_spread, 2),
+                arm.paired.map_or_else(|| "-".to_owned(), |paired| paired.to_string()),
                 number(arm.ssim, 4),
                 number(arm.lpips_vgg, 4),
                 arm.gaussians,

@@ -86,7 +86,11 @@ pub(super) struct Arguments {
 /// The extension of a format that is written.
 fn format(text: &str) -> Result<String, String> {
     let name = text.trim_start_matches('.').to_ascii_lowercase();
-    formats::check_output(&PathBuf::from(format!("model.{name}"))).map_err(|e| e.to_string())?;
+    if formats::check_output(&PathBuf::from(format!("model.{name}"))).is_err() {
+        return Err(format!(
+            "'{text}' is no format that models are written as: write one such as sog, spz, ply or compressed.ply"
+        ));
+    }
     Ok(name)
 }
 
@@ -227,12 +231,8 @@ const PACKED: f64 = 3.0;
 /// Warns of a poor copy, with the PSNR of its pictures.
 pub(super) fn poor(console: &Console, path: &Path, psnr: f64) {
     if psnr < POOR {
-        let better = match path.extension() {
-            Some(extension) if extension == "sog" => ".ply and .glb lose nothing",
-            _ => ".sog stores any colour and size, and .ply and .glb lose nothing",
-        };
         console.warn(format_args!(
-            "{} is a poor copy: its pictures have {psnr:.1} dB against the model's; {better}",
+            "{} is a poor copy: its pictures have {psnr:.1} dB against the model's; .ply and .glb lose nothing",
             path.display()
         ));
     }

@@ -108,7 +108,9 @@ pub(super) fn file_size(text: &str) -> Result<u64, String> {
         "gib" => 1073741824.0,
         _ => return Err("write a size with its unit, such as 5MB, 800kB or 4.5MiB".to_owned()),
     };
-    let bytes = number.trim().parse::<f64>().ok().map(|n| (n * unit).floor()).filter(|b| *b >= 1.0 && *b < 1e15);
+    let number =
+        number.trim().parse::<f64>().map_err(|_| "write a number with its unit, such as 5MB or 4.5MiB".to_owned())?;
+    let bytes = Some((number * unit).floor()).filter(|b| *b >= 1.0 && *b < 1e15);
     bytes.map(|b| b as u64).ok_or_else(|| "write a size above 0, such as 5MB, 800kB or 4.5MiB".to_owned())
 }
 

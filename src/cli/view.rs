@@ -80,8 +80,16 @@ pub(super) struct Address {
     port: u16,
     /// Address that the viewer listens on. At 127.0.0.1 only this machine can reach it; at any other address other machines can,
     /// too, and the connection is not encrypted
-    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), help_heading = "Viewer")]
+    #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_parser = address, help_heading = "Viewer")]
     host: IpAddr,
+}
+
+/// An IP address, or this machine's own name for itself.
+fn address(text: &str) -> Result<IpAddr, String> {
+    if text == "localhost" {
+        return Ok(IpAddr::V4(Ipv4Addr::LOCALHOST));
+    }
+    text.parse().map_err(|_| "write an IP address, such as 127.0.0.1 or 0.0.0.0".to_owned())
 }
 
 impl Address {

@@ -13,7 +13,9 @@ use std::path::PathBuf;
 /// # Errors [`Error::Modes`] names two files with different render modes.
 pub fn merge(models: Vec<(PathBuf, Loaded)>, asked: Option<RenderMode>) -> Result<(Gaussians, RenderMode), Error> {
     let mut whole: Option<(Gaussians, PathBuf, RenderMode)> = None;
-    for (path, Loaded { gaussians, mode, .. }) in models {
+    // A model without Gaussians has no mode to disagree by, but the first one's counts if all are empty.
+    let some = models.iter().any(|(_, loaded)| !loaded.gaussians.is_empty());
+    for (path, Loaded { gaussians, mode, .. }) in models.into_iter().filter(|(_, m)| !some || !m.gaussians.is_empty()) {
         let mode = asked.unwrap_or(mode);
         match &mut whole {
             None => whole = Some((gaussians, path, mode)),

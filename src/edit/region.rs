@@ -49,7 +49,7 @@ impl Region {
     /// [`Error::Numbers`] for a radius that is not above 0.
     pub fn ball(centre: DVec3, radius: f64) -> Result<Self, Error> {
         if !(centre.is_finite() && radius > 0.0) {
-            return Err(Error::Numbers("a ball has a finite centre and a radius above 0".into()));
+            return Err(Error::Numbers("a sphere has a finite centre and a radius above 0".into()));
         }
         Ok(Self::Sphere { centre, radius })
     }

@@ -44,7 +44,7 @@ impl Similarity {
     pub fn turn(axis: DVec3, degrees: f64) -> Result<Self, Error> {
         let axis = axis.try_normalize().filter(|_| degrees.is_finite());
         let axis =
-            axis.ok_or_else(|| Error::Numbers("a turn needs an axis other than 0, and finite degrees".into()))?;
+            axis.ok_or_else(|| Error::Numbers("a rotation needs an axis other than 0, and finite degrees".into()))?;
         // Quarter turns have no error of rounding.
         let (sin, cos) = match degrees.rem_euclid(360.0) {
             0.0 => (0.0, 1.0),
@@ -66,7 +66,7 @@ impl Similarity {
     pub fn quaternion([w, x, y, z]: [f64; 4]) -> Result<Self, Error> {
         let length = (w * w + x * x + y * y + z * z).sqrt();
         if !length.is_finite() || length < 1e-12 {
-            return Err(Error::Numbers("a quaternion of length 0 is no turn: give w,x,y,z".into()));
+            return Err(Error::Numbers("a quaternion of length 0 is no rotation: give w,x,y,z".into()));
         }
         let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
         Ok(Self { rotation, ..Self::IDENTITY })

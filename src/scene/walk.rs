@@ -143,8 +143,8 @@ pub fn read(path: &Path, frame: &Frame) -> Result<(Vec<Camera>, bool), Error> {
     let frame = &Frame { size: own.unwrap_or(frame.size), ..*frame };
     let (name, read): (_, Reader) = if every { ("camera_path", posed) } else { ("keys", looking) };
     let cameras = document[name].as_array().filter(|list| !list.is_empty());
-    let cameras =
-        cameras.ok_or_else(|| whole("it holds neither `keys` nor `camera_path`, a list of cameras".into()))?;
+    let cameras = cameras
+        .ok_or_else(|| whole("it holds no camera: neither `keys` nor `camera_path` is a list with some".into()))?;
     let one = |(i, camera)| read(camera, frame).map_err(|what| Error::malformed(path, format!("{name}[{i}]"), what));
     Ok((cameras.iter().enumerate().map(one).collect::<Result<_, _>>()?, every))
 }

@@ -41,6 +41,10 @@ fn sets_are_trained_by_the_protocol_and_others_are_refused() {
     // What is done is not trained again.
     let again = benchmark("tanks", folder.path(), &short);
     assert!(again.status.success() && again.stdout == ran.stdout && again.stderr.is_empty());
+    // Neither a trial of another length nor another set in the same folder passes for it.
+    let other = benchmark("tanks", folder.path(), &["--iterations", "31", "--counts", "own"]);
+    let told = String::from_utf8_lossy(&other.stderr);
+    assert!(!other.status.success() && told.contains("iterations is 30, not 31"), "{told}");
     // The set's own photos, and a part of its scenes.
     let part = ["--iterations", "30", "--counts", "own", "--scenes", "bonsai"];
     let ran = benchmark("mipnerf360", folder.path(), &part);
@@ -50,6 +54,8 @@ fn sets_are_trained_by_the_protocol_and_others_are_refused() {
         ("mipnerf360", vec![], "is not the set mipnerf360: bicycle/images_4 is not there"),
         ("blender", vec!["--scenes", "truck"], "blender has no scene truck"),
         ("tanks", vec!["--counts", "half"], "write own or whole numbers"),
+        ("tanks", vec!["--counts", "own,0"], "write own or whole numbers above 0"),
+        ("tanks", vec!["--program", "absent", "--scenes", "train, truck"], "there is no program absent"),
     ] {
         let refused = benchmark(set, folder.path(), &more);
         assert!(!refused.status.success() && String::from_utf8_lossy(&refused.stderr).contains(says), "{refused:?}");

@@ -79,7 +79,8 @@ fn memory(model: &Gaussians) -> usize {
 }
 
 fn rms(values: &[f32]) -> f64 {
-    let sum: f64 = values.iter().map(|v| f64::from(*v).powi(2)).sum();
+    // An empty sum is -0.
+    let sum = values.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>().abs();
     (sum / values.len().max(1) as f64).sqrt()
 }
 

@@ -333,13 +333,25 @@ pub fn write_levels(path: &Path, levels: &[Gaussians], (mode, origin): (RenderMo
     for level in levels {
         level.validate()?;
     }
+    if levels.first().is_none_or(Gaussians::is_empty) {
+        let what = "levels of detail need a Gaussian; write .ply for a model without any".to_owned();
+        return Err(Error::Unsupported { path: path.to_owned(), what });
+    }
     let folder = path.parent().unwrap_or(Path::new(""));
+    let earlier = sog::folders_of_levels(folder);
     let files = sog::pack_levels(levels, mode, &Precision::Fixed.of_sog()).map_err(|fault| fault.at(path))?;
+    let stale = earlier.into_iter().filter(|part| !files.iter().any(|(name, _)| Path::new(name).starts_with(part)));
+    let stale: Vec<PathBuf> = stale.collect();
     for (name, content) in files {
         let file = folder.join(name);
         let parent = file.parent().unwrap_or(folder);
         fs::create_dir_all(parent).map_err(|source| Error::Io { path: parent.to_owned(), source })?;
         write_atomically(&file, |out| out.write_all(&content))?;
+    }
+    // Levels of the model that was replaced would be uploaded with these.
+    for part in stale {
+        let part = folder.join(part);
+        fs::remove_dir_all(&part).map_err(|source| Error::Io { path: part.clone(), source })?;
     }
     georeference(path, origin)
 }

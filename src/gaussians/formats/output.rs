@@ -55,6 +55,7 @@ pub fn crc32<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u32 {
 /// [`Error::Io`]; the temporary file is removed.
 pub fn write_atomically(path: &Path, body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), Error> {
     let attempt = || -> io::Result<()> {
+        let path = &behind_links(path)?;
         let (temporary, file) = create_beside(path)?;
         let written = fill(file, body).and_then(|()| fs::rename(&temporary, path));
         if written.is_err() {
@@ -75,10 +76,23 @@ pub fn write_atomically(path: &Path, body: impl FnOnce(&mut dyn Write) -> io::Re
 pub fn check_place(path: &Path) -> Result<(), Error> {
     let attempt = || match fs::symlink_metadata(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => create_beside(path).and_then(|(temporary, _)| fs::remove_file(temporary)),
+        _ => create_beside(&behind_links(path)?).and_then(|(temporary, _)| fs::remove_file(temporary)),
     };
     attempt().map_err(|source| Error::Io { path: path.to_owned(), source })
 }
+
+/// The file that a path leads to, there or not: a link, say to a larger disk, stays a link.
+fn behind_links(path: &Path) -> io::Result<PathBuf> {
+    let mut path = path.to_owned();
+    for _ in 0..LINKS {
+        let Ok(target) = fs::read_link(&path) else { return Ok(path) };
+        path = path.parent().unwrap_or(Path::new("")).join(target);
+    }
+    Err(io::Error::other("a chain of links without an end"))
+}
+
+/// Largest number of links that are followed.
+const LINKS: usize = 32;
 
 /// End of a temporary file's name, after a dot, the file's own name, the writer's process and a number.
 const TEMPORARY: &str = ".tmp";

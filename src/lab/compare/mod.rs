@@ -3,9 +3,11 @@
 
 mod arm;
 mod page;
+mod paired;
 mod records;
 
 pub use arm::{Arm, Grown, help as arms_help};
+pub use paired::Paired;
 pub use records::{ArmRecord, CompareRecord};
 
 use crate::gaussians::formats;
@@ -99,7 +101,8 @@ pub fn compare(
         prune_point,
         gaussians: fork.snapshot.model.len(),
         arms: records,
-    })
+    }
+    .with_differences())
 }
 
 /// The folder of an arm, inside that of the comparison.
@@ -151,6 +154,8 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
         psnr: test.and_then(|t| t.psnr),
         psnr_spread: None,
         psnr_by_seed: Vec::new(),
+        psnr_by_view: Vec::new(),
+        paired: None,
         ssim: test.and_then(|t| t.ssim),
         lpips_vgg: test.and_then(|t| t.lpips_vgg),
         gaussians: run.gaussians.last,

@@ -49,12 +49,16 @@ pub fn page(compared: &CompareRecord, folder: &Path) -> String {
 }
 
 fn figures(compared: &CompareRecord) -> Markup {
+    let versus = compared.arms.first().map_or_else(String::new, |first| format!("PSNR minus {}'s / dB", first.name));
     let table = list(
         &compared.arms,
         &[
             (Text("arm"), &|a| a.name.clone()),
             (Number("PSNR / dB"), &|a| decimals(a.psnr, 2)),
             (Number("deviation / dB"), &|a| decimals(a.psnr_spread, 2)),
+            (Number(&versus), &|a| {
+                a.paired.map_or_else(String::new, |p| format!("{p}{}", if p.tie { " (tie)" } else { "" }))
+            }),
             (Number("SSIM"), &|a| decimals(a.ssim, 4)),
             (Number("LPIPS"), &|a| decimals(a.lpips_vgg, 4)),
             (Number("right after the prune / dB"), &|a| decimals(a.psnr_pruned, 2)),
@@ -67,6 +71,12 @@ fn figures(compared: &CompareRecord) -> Markup {
     );
     html! {
         (table)
+        @if compared.arms.iter().any(|a| a.paired.is_some()) {
+            p {
+                "Differences are means over views and seeds of the same view and seed, with their standard error: the larger of \
+                 those over views and over seeds. Up to two of them are a tie."
+            }
+        }
         @for (name, done) in compared.arms.iter().filter_map(|a| Some((&a.name, a.cut.as_ref()?))) {
             p { (name) ": " (cut(done)) }
         }
@@ -119,7 +129,9 @@ fn views(compared: &CompareRecord, folder: &Path) -> Vec<View> {
             let psnr = a.views.get(exhibit.view).and_then(|v| v.scores.psnr);
             format!("{} {}", a.name, decimals(psnr, 2))
         };
-        let note = format!("PSNR / dB: {}", compared.arms.iter().map(score).collect::<Vec<_>>().join(", "));
+        let of_seed = compared.seeds.first().filter(|_| compared.by_seed());
+        let of_seed = of_seed.map_or_else(String::new, |seed| format!(" with seed {seed}"));
+        let note = format!("PSNR / dB{of_seed}: {}", compared.arms.iter().map(score).collect::<Vec<_>>().join(", "));
         View { name: exhibit.name, note, pictures: std::iter::once(photo).chain(arms).collect() }
     };
     exhibits(&names).into_iter().map(view).collect()

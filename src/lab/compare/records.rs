@@ -1,12 +1,13 @@
 //! Records of a comparison: `compare.json`, schema 1, each arm's `arm.json`, and the table as `compare.csv`.
 
+use super::Paired;
 use crate::gpu::TunedDevice;
 use crate::job::records::{PruneRecord, ViewScores};
 use crate::train::method::Cut;
 use serde::{Deserialize, Serialize};
 
 /// Results of one arm.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct ArmRecord {
     /// Its name.
     pub name: String,
@@ -18,6 +19,12 @@ pub struct ArmRecord {
     /// PSNR with each of several seeds, in their order.
     #[serde(default)]
     pub psnr_by_seed: Vec<Option<f64>>,
+    /// PSNR with each of several seeds of each held-out view.
+    #[serde(default)]
+    pub psnr_by_view: Vec<Vec<Option<f64>>>,
+    /// Its difference from the first arm; null for that one, and without held-out views.
+    #[serde(default)]
+    pub paired: Option<Paired>,
     /// Mean SSIM of the held-out views.
     pub ssim: Option<f64>,
     /// Mean LPIPS (VGG) of the held-out views; null without weights.
@@ -87,6 +94,7 @@ impl ArmRecord {
             psnr: mean(|a| a.psnr),
             psnr_spread: statistics(&option(|a| a.psnr)).1,
             psnr_by_seed: option(|a| a.psnr),
+            psnr_by_view: of.iter().map(|a| a.views.iter().map(|view| view.scores.psnr).collect()).collect(),
             ssim: mean(|a| a.ssim),
             lpips_vgg: mean(|a| a.lpips_vgg),
             psnr_pruned: mean(|a| a.psnr_pruned),
@@ -125,17 +133,31 @@ impl CompareRecord {
             arms: self.arms.iter().enumerate().map(|(k, first)| arm(k, first)).collect(),
             ..self.clone()
         }
+        .with_differences()
+    }
+
+    /// This comparison with the difference of each arm from the first one.
+    #[must_use]
+    pub fn with_differences(mut self) -> Self {
+        if let Some((first, others)) = self.arms.split_first_mut() {
+            first.paired = None;
+            for arm in others {
+                arm.paired = Paired::of(arm, first);
+            }
+        }
+        self
     }
 
     /// The table as comma-separated values: one line per arm.
     pub fn csv(&self) -> String {
         let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
         let mut text =
-            "name,psnr,psnr_spread,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned\n".to_owned();
+            "name,psnr,psnr_spread,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned,difference,difference_error\n".to_owned();
         for a in &self.arms {
             let scores = [a.psnr, a.psnr_spread, a.ssim, a.lpips_vgg].map(cell).join(",");
             text += &format!("{},{scores},{},{:.4},{},", a.name, a.gaussians, a.removed, a.ply_bytes);
-            text += &format!("{},{:.1},{}\n", cell(a.fps), a.seconds, cell(a.psnr_pruned));
+            let [difference, error] = [a.paired.map(|p| p.difference), a.paired.and_then(|p| p.error)].map(cell);
+            text += &format!("{},{:.1},{},{difference},{error}\n", cell(a.fps), a.seconds, cell(a.psnr_pruned));
         }
         text
     }

@@ -60,6 +60,24 @@ fn the_finest_level_is_read_back_and_every_leaf_knows_its_own() {
 }
 
 #[test]
+fn levels_of_an_earlier_model_are_removed_and_a_model_without_gaussians_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lod-meta.json");
+    let model = make::model(60, 0);
+    let write =
+        |levels: &[qirf_vk::gaussians::Gaussians]| formats::write_levels(&path, levels, (RenderMode::Plain, [0.0; 3]));
+    write(&[model.clone(), model.select(&[0, 1, 2])]).unwrap();
+    std::fs::create_dir(folder.path().join("notes")).unwrap();
+    assert!(folder.path().join("1_0/meta.json").exists());
+    write(&[model]).unwrap();
+    let there = ["0_0", "1_0", "notes"].map(|name| folder.path().join(name).exists());
+    assert_eq!(there, [true, false, true]);
+    let refused = write(&[make::model(0, 0)]).unwrap_err().to_string();
+    assert!(refused.contains("need a Gaussian"), "{refused}");
+    assert_eq!(formats::read(&path).unwrap().gaussians.len(), 60, "the earlier model is still there");
+}
+
+#[test]
 fn hostile_levels_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("lod-meta.json");

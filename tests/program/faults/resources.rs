@@ -197,6 +197,14 @@ fn output_never_takes_the_place_of_its_input() {
     std::os::unix::fs::symlink(path("out"), path("link")).unwrap();
     fs::hard_link(path("out/model.ply"), path("hard.ply")).unwrap();
     let before = content(folder.path());
+    // A link to an output, say on a larger disk, stays one.
+    std::os::unix::fs::symlink(path("elsewhere.ply"), path("linked.ply")).unwrap();
+    for _ in 0..2 {
+        works(program().arg("convert").arg(path("hard.ply")).arg(path("linked.ply")));
+        assert!(path("linked.ply").is_symlink() && fs::read(path("elsewhere.ply")).unwrap() == undisturbed());
+    }
+    fs::remove_file(path("linked.ply")).unwrap();
+    fs::remove_file(path("elsewhere.ply")).unwrap();
     // A run that begins on a model does not write its own over it.
     for init in ["out/model.ply", "link/model.ply", "hard.ply"] {
         let init = path(init);

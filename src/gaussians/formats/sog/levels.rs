@@ -10,7 +10,7 @@ use glam::{Mat3, Quat, Vec3};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Component, Path};
+use std::path::{Component, Path, PathBuf};
 
 /// Name of the file that describes all others.
 pub(in super::super) const LEVELS: &str = "lod-meta.json";
@@ -161,6 +161,18 @@ struct Place {
     file: usize,
     offset: usize,
     count: usize,
+}
+
+/// The folders, in this one, of the levels that its `lod-meta.json` names, as far as they are named as this program names them.
+pub(in super::super) fn folders_of_levels(folder: &Path) -> BTreeSet<PathBuf> {
+    let text = std::fs::read(folder.join(LEVELS)).unwrap_or_default();
+    let named = serde_json::from_slice::<Levels>(&text).map(|levels| levels.filenames).unwrap_or_default();
+    let own = |name: &str| {
+        let (level, part) = name.strip_suffix("/meta.json")?.split_once('_')?;
+        let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+        (number(level) && number(part)).then(|| PathBuf::from(format!("{level}_{part}")))
+    };
+    named.iter().filter_map(|name| own(name)).filter(|part| folder.join(part).is_dir()).collect()
 }
 
 /// Reads the finest level of the model that `lod-meta.json` in this folder describes.

@@ -15,7 +15,7 @@ mod turn;
 mod unpack;
 mod webp;
 
-pub(super) use levels::{LEVELS, pack as pack_levels, read as read_levels};
+pub(super) use levels::{LEVELS, folders_of_levels, pack as pack_levels, read as read_levels};
 pub(super) use pack::pack;
 pub(super) use unpack::{parts, read_bundle, read_folder};
 
