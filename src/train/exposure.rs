@@ -34,6 +34,8 @@ pub struct Exposure {
     /// The picture as the loss sees it.
     pub image: Buffer<[f32; 4]>,
     partials: Buffer<f32>,
+    /// True if no gains were measured: all maps began as the identity.
+    unmeasured: bool,
 }
 
 /// A step of Adam of one photo's map.
@@ -87,6 +89,15 @@ fn diagonal(gains: [f32; 3]) -> [f32; SIZE] {
     affine
 }
 
+/// The mean of maps, less the identity.
+fn shared(maps: &[f32]) -> [f32; SIZE] {
+    let (identity, count) = (diagonal([1.0; 3]), (maps.len() / SIZE).max(1) as f64);
+    std::array::from_fn(|k| {
+        let sum: f64 = maps.iter().skip(k).step_by(SIZE).map(|value| f64::from(*value) - f64::from(identity[k])).sum();
+        (sum / count) as f32
+    })
+}
+
 impl Exposure {
     /// Exposures whose maps begin as these gains of red, green and blue; 1 for photos beyond the list.
     pub fn new(device: &Device, gains: &[[f32; 3]], photos: usize, pixels: usize) -> Result<Self> {
@@ -103,7 +114,22 @@ impl Exposure {
             moments: device.upload::<f32>("exposures' moments", moments)?.cast(),
             image: device.buffer("exposed image", pixels)?,
             partials: device.buffer("exposure sums", SIZE * GROUPS as usize)?,
+            unmeasured: gains.is_empty(),
         })
+    }
+
+    /// Returns true if maps may drift together: they began as the identity, and colours can follow.
+    pub fn drifts(&self) -> bool {
+        self.unmeasured
+    }
+
+    /// Takes out of all maps what they share, so that the model has the mean photo's colours.
+    pub fn centre(&self, device: &Device) -> Result<()> {
+        let mut maps = self.affine.read(device)?;
+        let shared = shared(&maps);
+        maps.chunks_exact_mut(SIZE)
+            .for_each(|map| map.iter_mut().zip(shared).for_each(|(value, shared)| *value -= shared));
+        self.affine.write(device, &maps)
     }
 
     /// Records the application of a photo's exposure to its picture, into [`Exposure::image`].
@@ -167,5 +193,18 @@ impl Exposure {
             spec: ExposureSpec { workgroup: WORKGROUP, phase },
         };
         recording.dispatch(&kernel, Groups::Count(groups));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_share_their_mean_less_the_identity() {
+        let maps = [diagonal([1.5, 1.0, 0.5]), diagonal([1.1, 1.0, 1.1])].concat();
+        let shared = shared(&maps);
+        let expected = diagonal([0.3, 0.0, -0.2]);
+        assert!(shared.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{shared:?}");
     }
 }

@@ -19,6 +19,7 @@ use crate::train::density::{self, Step, densify};
 use crate::train::depth_loss::DepthLoss;
 use crate::train::device_photos::{DevicePhotos, UNDER_WAY};
 use crate::train::error::{Error, Result};
+use crate::train::exposure::Exposure;
 use crate::train::halve::{self, Halve};
 use crate::train::host_check::HostCheck;
 use crate::train::loss::Loss;
@@ -300,6 +301,7 @@ impl Trainer {
         let acts = |i: u32| {
             grows(i)
                 || self.moves_cameras(i)
+                || self.centres_exposures(i)
                 || fades(i)
                 || schedule.averages_iterates(i)
                 || self.smoothing_after(i).is_some()
@@ -314,6 +316,13 @@ impl Trainer {
     fn moves_cameras(&self, iteration: u32) -> bool {
         let gathered = Poses::gathers(iteration, self.options.schedule.iterations);
         self.poses.is_some() && gathered && iteration.is_multiple_of(self.photos.len() as u32)
+    }
+
+    /// Returns true if a round of photos ends with iteration `iteration`, and their exposures may have drifted together.
+    fn centres_exposures(&self, iteration: u32) -> bool {
+        let learnt = self.options.exposure.as_ref().is_some_and(|exposures| exposures.learnt().is_some());
+        let drift = self.objective.exposure.as_ref().is_some_and(Exposure::drifts);
+        learnt && drift && iteration.is_multiple_of(self.photos.len() as u32)
     }
 
     fn wants_degree(&self, iteration: u32) -> bool {
@@ -366,6 +375,9 @@ impl Trainer {
         if let Some(poses) = self.poses.as_mut().filter(|_| moves) {
             let length = self.options.schedule.iterations;
             poses.step(&self.device, &mut self.photos, (iteration, length))?;
+        }
+        if let Some(exposure) = self.objective.exposure.as_ref().filter(|_| self.centres_exposures(iteration)) {
+            exposure.centre(&self.device)?;
         }
         self.follow_method(iteration)?;
         self.attrite(iteration)?;

@@ -168,6 +168,23 @@ fn exposures_are_kept_in_checkpoints() {
     finish(&device);
 }
 
+/// Maps that begin as the identity do not drift together: the model keeps the mean photo's colours.
+#[test]
+fn exposures_without_measured_gains_keep_their_mean() {
+    let device = device();
+    let folder = tempfile::tempdir().unwrap();
+    capture(folder.path(), &[synth::Effect::Exposure], 9, 48);
+    let mut trainer = trainer(&device, folder.path(), true, false);
+    train(&mut trainer, 42);
+    let maps = trainer.snapshot().unwrap().exposures.0;
+    for (k, identity) in twin::IDENTITY.iter().enumerate() {
+        let mean = maps.iter().skip(k).step_by(SIZE).map(|value| f64::from(*value)).sum::<f64>() / 7.0;
+        assert!((mean - identity).abs() < 1e-5, "{k}: {mean}");
+    }
+    assert!(maps.iter().zip(twin::IDENTITY.iter().cycle()).any(|(a, b)| (f64::from(*a) - b).abs() > 0.02));
+    finish(&device);
+}
+
 /// Known exposures do not change, bit for bit, and the loss sees the model through them: resumed with the maps that a
 /// run has learnt, the first picture is as near to its photo as that run's.
 #[test]
