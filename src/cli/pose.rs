@@ -5,7 +5,7 @@ use super::show::Show;
 use super::values;
 use crate::job::Error;
 use crate::pose::{self, Backend, Matching, Options, Posed};
-use crate::scene::photo_folder;
+use crate::scene::{self, instead, photo_folder};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -96,7 +96,10 @@ impl Arguments {
         if pose::is_video(path) {
             return Ok(path.clone());
         }
-        photo_folder(path, None).ok_or_else(|| Error::NothingToPose(path.clone()))
+        photo_folder(path, None).ok_or_else(|| match instead(path) {
+            Some(what) => scene::Error::Instead { path: path.clone(), what }.into(),
+            None => Error::NothingToPose(path.clone()),
+        })
     }
 }
 

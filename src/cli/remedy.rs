@@ -37,6 +37,9 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::NotOurs(_) => plain("name an empty or new folder with -o"),
         Error::AmongPhotos(_) => plain("name another folder with -o"),
         Error::NothingToTrainOn(_) => plain("give a larger --eval-every, or --eval-every 0 to train on every photo"),
+        Error::AllHidden(_) => {
+            plain("masks hide where they are black: invert them, or give --effect masks=off to train without them")
+        }
         Error::NothingHeldOut(_) => plain("give --eval-every 1 to score all of them"),
         Error::OtherRun { folder, .. } => {
             let config = quoted(&folder.join("config.toml"));
@@ -317,7 +320,12 @@ mod tests {
             scene::Error::NoPhotos { root: path(), listed: 5, what: "a.png does not exist".into() },
             &["--images DIR"],
         );
-        let model = scene::Error::UnknownModel { path: path(), record: "camera 1 of 1".into(), model: "FOV".into() };
+        let model = scene::Error::UnknownModel {
+            path: path(),
+            record: "camera 1 of 1".into(),
+            model: "FOV".into(),
+            known: String::new(),
+        };
         says(model, &["image_undistorter", "OPENCV"]);
         says(scene::Error::NoImageFolder { root: path(), asked: path(), known: Vec::new() }, &["--images"]);
         says(metrics::Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["--lpips-weights"]);

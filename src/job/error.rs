@@ -78,6 +78,9 @@ pub enum Error {
     /// Every photo of the scene is held out.
     #[error("{}: no photo is left to train on", .0.display())]
     NothingToTrainOn(PathBuf),
+    /// Masks hide all of the photos to train on.
+    #[error("{}: the masks hide all of every photo to train on", .0.display())]
+    AllHidden(PathBuf),
     /// No photo of the scene is held out.
     #[error("{}: no view is held out", .0.display())]
     NothingHeldOut(PathBuf),
@@ -121,7 +124,7 @@ pub enum Error {
     )]
     OtherDevice { planned: String, here: String },
     /// Neither photos nor a video.
-    #[error("{} holds no photos (jpg, png, webp), and is no video (mp4, mov, mkv, webm, avi)", .0.display())]
+    #[error("{} holds no photos (jpg, png, webp, tif, exr), and is no video (mp4, mov, mkv, webm, avi)", .0.display())]
     NothingToPose(PathBuf),
     /// A folder for poses that `pose` did not write.
     #[error("{} is not an output folder of `qirf-vk pose`", .0.display())]

@@ -29,7 +29,7 @@ impl Exit {
             Error::NoProgram(_) | Error::NotOurs(_) => Self::Usage,
             Error::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => Self::Resources,
             Error::Read { .. } | Error::Checkpoint { .. } | Error::Part { .. } => Self::BadInput,
-            Error::LostPhoto { .. } | Error::ChangedPhoto { .. } => Self::BadInput,
+            Error::LostPhoto { .. } | Error::ChangedPhoto { .. } | Error::AllHidden(_) => Self::BadInput,
             Error::Program { .. } | Error::FewPoses { .. } | Error::NothingToPose(_) => Self::BadInput,
             Error::Metrics(_) | Error::Diagnostics { .. } | Error::Study(_) => Self::BadInput,
             Error::Memory { .. } | Error::Picture { .. } => Self::Resources,

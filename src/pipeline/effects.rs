@@ -46,8 +46,10 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     for at in without_mask {
         skipped.damaged_masks.add_photo(views[at]);
     }
-    for (_, view) in loaded.iter().zip(&views).filter(|(photo, _)| photo.is_err()) {
-        skipped.damaged_images.add_photo(view);
+    for (photo, view) in loaded.iter().zip(&views) {
+        if let Err(error) = photo {
+            skipped.add_failed(view, error);
+        }
     }
     let (mut train, mut photos) = (Vec::new(), Vec::new());
     for view in split {

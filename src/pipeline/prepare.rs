@@ -188,6 +188,18 @@ pub fn unchanged(scene: &Scene, planned: &BTreeMap<String, u32>) -> Result<(), E
     }
 }
 
+/// True if masks leave nothing of any of these photos.
+fn all_hidden(photos: &[Photo]) -> io::Result<bool> {
+    for photo in photos {
+        let hidden = photo.alpha_role == AlphaRole::Mask
+            && photo.pixels.read()?.as_chunks::<4>().0.iter().all(|[.., counts]| *counts == 0);
+        if !hidden {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
 /// The numbers of a camera in float32.
 fn numbers(camera: &Camera) -> Vec<f32> {
     let Camera { rotation, translation, focal, principal, .. } = camera;
@@ -285,11 +297,14 @@ impl Opened {
     /// As [`Opened::load`], for jobs that need photos to train on.
     ///
     /// # Errors
-    /// As [`Opened::load`]; no photo to train on.
+    /// As [`Opened::load`]; no photo to train on, or none of which masks leave anything.
     pub fn load_to_train(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let prepared = self.load(memory, watcher)?;
         if prepared.train.is_empty() {
             return Err(Error::NothingToTrainOn(prepared.scene.source));
+        }
+        if all_hidden(&prepared.train).map_err(train::Error::Photos)? {
+            return Err(Error::AllHidden(prepared.scene.source));
         }
         Ok(prepared)
     }

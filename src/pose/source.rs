@@ -5,18 +5,14 @@ use super::folder::{Folder, Key};
 use super::rig::{self, Rig};
 use super::video;
 use crate::job::Error;
-use crate::scene::{Names, PhotoTree, masks_of};
+use crate::scene::{Names, PhotoTree, is_video_name, masks_of};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
-/// Extensions of videos.
-const VIDEOS: [&str; 10] = ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "mts", "3gp"];
-
 /// True if this is a file with the name of a video.
 pub fn is_video(path: &Path) -> bool {
-    let video = |e: &std::ffi::OsStr| VIDEOS.iter().any(|known| e.eq_ignore_ascii_case(known));
-    path.is_file() && path.extension().is_some_and(video)
+    path.is_file() && is_video_name(path)
 }
 
 /// Photos or a video.

@@ -120,10 +120,13 @@ pub fn load_photos(
         .zip(firsts)
         .flat_map_iter(|(group, first)| {
             let mut source = group[0].decode();
+            let rest = |error: &Error| match error {
+                Error::Unread { path, .. } => Error::unread(path, "is not read"),
+                _ => Error::photo(&group[0].image, "cannot be used"),
+            };
             let mut each = |at: usize| {
                 // The first view has the reason.
-                let rest = || Error::photo(&group[0].image, "cannot be used");
-                load_one(at, source.as_mut().map_err(|error| std::mem::replace(error, rest())))
+                load_one(at, source.as_mut().map_err(|error| std::mem::replace(error, rest(error))))
             };
             let of_group: Vec<_> = (first..first + group.len()).map(&mut each).collect();
             of_group

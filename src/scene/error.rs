@@ -22,9 +22,9 @@ pub enum Error {
         /// The fault and its remedy.
         what: String,
     },
-    /// A camera has a model that the engine does not know.
-    #[error("{path}, {record}: camera model {model} is not supported; known are {}", super::lens::LensModel::names())]
-    UnknownModel { path: PathBuf, record: String, model: String },
+    /// A camera has a model that the engine does not know, or that its format has no parameters of.
+    #[error("{path}, {record}: camera model {model} is not supported; known are {known}")]
+    UnknownModel { path: PathBuf, record: String, model: String, known: String },
     /// The folder holds photos, but no camera poses.
     #[error("{images} has {photos} photos, but {root} has no camera poses{beside}")]
     NoPoses {
@@ -45,6 +45,13 @@ pub enum Error {
         /// The files there that may hold poses in another format, as a part of the sentence; may be empty.
         beside: String,
     },
+    /// The path holds no scene, and what it holds instead has a way to one.
+    #[error("{path} cannot be used: {what}")]
+    Instead {
+        path: PathBuf,
+        /// What it holds, and the remedy.
+        what: String,
+    },
     /// The folder holds several scenes.
     #[error("{root} holds {} scenes: {}", .names.len(), .names.join(", "))]
     SeveralScenes { root: PathBuf, names: Vec<String> },
@@ -62,6 +69,13 @@ pub enum Error {
     /// The scene lists no camera with a usable pose.
     #[error("{path} holds no usable view ({what})")]
     NoViews { path: PathBuf, what: String },
+    /// One photo or mask is in a format that is not read, or only stands for one.
+    #[error("photo {path}: {what}")]
+    Unread {
+        path: PathBuf,
+        /// The format and the remedy.
+        what: String,
+    },
     /// One photo or mask cannot be decoded or does not fit its camera.
     #[error("photo {path}: {what}")]
     Photo {
@@ -82,6 +96,10 @@ impl Error {
 
     pub(crate) fn malformed(path: &Path, record: impl Into<String>, what: impl Into<String>) -> Self {
         Self::Malformed { path: path.to_owned(), record: record.into(), what: what.into() }
+    }
+
+    pub(crate) fn unread(path: &Path, what: impl Into<String>) -> Self {
+        Self::Unread { path: path.to_owned(), what: what.into() }
     }
 
     pub(crate) fn photo(path: &Path, what: impl Into<String>) -> Self {

@@ -11,19 +11,29 @@ use super::jpeg::lacks_data;
 /// Decodes a photo or a mask.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Photo`] for what is damaged, cut short or in a format that is not read.
+/// [`Error::Io`]; [`Error::Photo`] for what is damaged or cut short; [`Error::Unread`] for a format that is not read.
 pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
     if let Some(format) = unread(&bytes) {
         let convert = "convert it, with ImageMagick by `magick mogrify -format jpg -quality 95`";
-        return Err(Error::photo(path, format!("is {format}, which is not read: {convert}")));
+        return Err(Error::unread(path, format!("is {format}, which is not read: {convert}")));
+    }
+    if bytes.starts_with(LFS_POINTER) {
+        return Err(Error::unread(path, IS_LFS_POINTER));
+    }
+    if bytes.is_empty() {
+        return Err(Error::photo(path, "is empty: copy it again"));
+    }
+    if bytes.trim_ascii_start().starts_with(b"<") {
+        return Err(Error::photo(path, "is text, perhaps a web page: download the photo again"));
     }
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| Error::io(path, e))?;
     let decoded = reader.decode().map_err(|e| {
-        let known = !matches!(e, image::ImageError::Unsupported(_));
-        let remedy =
-            if known { "copy it again" } else { "convert it, with ImageMagick by `magick mogrify -format png`" };
-        Error::photo(path, format!("cannot be decoded: {e}; {remedy}"))
+        if matches!(e, image::ImageError::Unsupported(_)) {
+            let convert = "convert it, with ImageMagick by `magick mogrify -format png`";
+            return Error::unread(path, format!("is in an encoding that is not read ({e}): {convert}"));
+        }
+        Error::photo(path, format!("cannot be decoded: {e}; copy it again"))
     })?;
     if decoded.width() == 0 || decoded.height() == 0 {
         return Err(Error::photo(path, "has no pixels"));
@@ -34,6 +44,11 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     Ok(decoded)
 }
 
+/// What a file begins with if Git LFS has the file's contents elsewhere.
+pub(super) const LFS_POINTER: &[u8] = b"version https://git-lfs";
+/// What is wrong with such a file.
+pub(super) const IS_LFS_POINTER: &str = "is a Git LFS pointer, without the file's contents: run `git lfs pull`";
+
 /// The channels that a picture's header announces.
 pub(super) fn color_type(path: &Path) -> Option<ColorType> {
     let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).ok()?;
@@ -41,20 +56,24 @@ pub(super) fn color_type(path: &Path) -> Option<ColorType> {
 }
 
 /// The bytes of a mask: grey, or, where that is the same throughout, alpha; both if both differ. Masks of small numbers hide
-/// where they are 0; the others' largest number is white.
+/// where they are 0; the others' largest number is white. Numbers are those of the file, of 8 or 16 bits.
 pub(super) fn counting(mask: DynamicImage) -> Vec<u8> {
-    let pixels = mask.into_luma_alpha8().into_raw();
+    let bytes_of_channel = mask.color().bytes_per_pixel() / mask.color().channel_count();
+    let (pixels, white): (Vec<u16>, u16) = if bytes_of_channel == 1 {
+        (mask.into_luma_alpha8().into_raw().into_iter().map(u16::from).collect(), 255)
+    } else {
+        (mask.into_luma_alpha16().into_raw(), u16::MAX)
+    };
     let pixels = pixels.as_chunks::<2>().0;
-    let plain = pixels.iter().all(|[grey, _]| *grey == pixels[0][0]) && pixels.iter().any(|[_, alpha]| *alpha < 255);
-    let shown =
-        |[grey, alpha]: &[u8; 2]| if plain { *alpha } else { (u16::from(*grey) * u16::from(*alpha) / 255) as u8 };
-    let mut bytes: Vec<u8> = pixels.iter().map(shown).collect();
-    match bytes.iter().copied().max().unwrap_or(0) {
-        0 | 255 => {}
-        1..128 => bytes.iter_mut().for_each(|byte| *byte = 255 * u8::from(*byte > 0)),
-        most => bytes.iter_mut().for_each(|byte| *byte = (u16::from(*byte) * 255 / u16::from(most)) as u8),
-    }
-    bytes
+    let share = |v: u16, alpha: u16, of: u16| (u32::from(v) * u32::from(alpha) / u32::from(of)) as u16;
+    let plain = pixels.iter().all(|[grey, _]| *grey == pixels[0][0]) && pixels.iter().any(|[_, alpha]| *alpha < white);
+    let shown = |[grey, alpha]: &[u16; 2]| if plain { *alpha } else { share(*grey, *alpha, white) };
+    let shown: Vec<u16> = pixels.iter().map(shown).collect();
+    let most = shown.iter().copied().max().unwrap_or(0);
+    // A file of 16 bits may hold numbers of 8.
+    let half = if most < 256 { 128 } else { 1 << 15 };
+    let byte = |v: u16| if most < half { 255 * u8::from(v > 0) } else { share(v, 255, most) as u8 };
+    shown.into_iter().map(byte).collect()
 }
 
 /// True for the masks of instant-ngp, dynamic_mask_x.png, which hide what is not black.

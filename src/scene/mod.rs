@@ -43,7 +43,7 @@ pub use near::{ONE_PLACE, USUAL_DISTANCE};
 pub use overlap::Overlap;
 pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
-pub use readers::{PhotoTree, masks_of, photo_folder, photo_names, read_text, rigs};
+pub use readers::{PhotoTree, instead, is_video_name, masks_of, photo_folder, photo_names, read_text, rigs};
 pub use skipped::{Names, Skipped};
 pub use view::{Resize, Role, View};
 
@@ -206,7 +206,7 @@ impl Scene {
             match photo {
                 Ok(photo) => loaded.push(photo),
                 Err(error) => {
-                    self.skipped.damaged_images.add_photo(view);
+                    self.skipped.add_failed(view, &error);
                     first.get_or_insert(error.to_string());
                 }
             }

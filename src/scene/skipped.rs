@@ -1,6 +1,6 @@
 //! Unusable parts of a scene, counted, with a few of their names.
 
-use super::View;
+use super::{Error, View};
 use crate::wording::counted;
 use std::fmt;
 
@@ -56,8 +56,10 @@ pub struct Skipped {
     pub missing_images: Names,
     /// Views whose photo has another shape than their camera.
     pub mismatched_images: Names,
-    /// Views whose photo cannot be decoded.
+    /// Views whose photo is damaged.
     pub damaged_images: Names,
+    /// Views whose photo is in a format that is not read, or only stands for a photo.
+    pub unread_images: Names,
     /// Views whose pose is not finite or not a rotation.
     pub bad_poses: Names,
     /// Views whose pose mirrors the world.
@@ -83,12 +85,24 @@ pub struct Skipped {
 }
 
 impl Skipped {
+    /// Counts a view whose photo cannot be loaded, for this cause; the first cause of those that are not read is told.
+    pub(crate) fn add_failed(&mut self, view: &View, error: &Error) {
+        if !matches!(error, Error::Unread { .. }) {
+            return self.damaged_images.add_photo(view);
+        }
+        if self.unread_images.count == 0 {
+            self.notes.push(error.to_string());
+        }
+        self.unread_images.add_photo(view);
+    }
+
     /// A phrase for each kind of part left out, then the notes; none if everything was used.
     pub fn summary(&self) -> Vec<String> {
         let named = [
             (&self.missing_images, "photo", "listed but absent"),
             (&self.mismatched_images, "photo", "of another shape than the camera"),
             (&self.damaged_images, "photo", "damaged"),
+            (&self.unread_images, "photo", "not read"),
             (&self.bad_poses, "view", "without a usable pose"),
             (
                 &self.mirrored_poses,

@@ -113,7 +113,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
     }
     let (decisions, skipped) = effects::of_scene(&scene)?;
     let photos: BTreeSet<&str> = scene.views.iter().map(View::photo_name).collect();
-    let unread = skipped.missing_images.count + skipped.damaged_images.count;
+    let unread = skipped.missing_images.count + skipped.damaged_images.count + skipped.unread_images.count;
     let tracks: usize = scene.points.iter().map(|p| p.track.len()).sum();
     Ok(json!({
         "kind": "scene",

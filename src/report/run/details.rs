@@ -97,6 +97,7 @@ pub fn guards(results: &RunRecord) -> Markup {
         named("missing photos", &s.missing_images),
         named("photos whose shape differs from their camera's", &s.mismatched_images),
         named("damaged photos", &s.damaged_images),
+        named("photos not read", &s.unread_images),
         named("views without a usable pose", &s.bad_poses),
         named("views listed twice", &s.repeated_views),
         plain("points that are not finite", s.bad_points),

@@ -152,8 +152,10 @@ impl Lens {
     /// True if a photo of this size fits the lens, perhaps enlarged or reduced: sides in proportion within rounding and
     /// 1 %.
     pub fn fits(&self, width: u32, height: u32) -> bool {
-        let ratio = f64::from(width) / f64::from(self.width);
-        (f64::from(height) - f64::from(self.height) * ratio).abs() <= 1.0 + ratio.max(1.0) + 0.01 * f64::from(height)
+        let (ratio, height) = (f64::from(width) / f64::from(self.width), f64::from(height));
+        // Rounding says little of a few pixels.
+        let rounding = if ratio < 1.0 { 2.0_f64.min(0.1 * height) } else { 1.0 + ratio };
+        (height - f64::from(self.height) * ratio).abs() <= rounding + 0.01 * height
     }
 
     /// The normalised image of the normalised point (x / z, y / z).

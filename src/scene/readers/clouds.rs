@@ -6,19 +6,23 @@ use std::path::{Path, PathBuf};
 use super::{ListedPoint, point_ply, pose};
 use crate::scene::Skipped;
 
-/// Names of clouds that tools put beside a capture's cameras, in this order.
+/// Names, in lower case, of clouds that tools put beside a capture's cameras, in this order.
 const NAMES: [&str; 7] =
-    ["points3D.ply", "points3d.ply", "sparse_pc.ply", "point_cloud.ply", "pointcloud.ply", "points.ply", "init.ply"];
+    ["points3d.ply", "sparse_pc.ply", "point_cloud.ply", "pointcloud.ply", "points.ply", "init.ply", "input.ply"];
 
 /// Extensions of clouds that are not read.
 const UNREAD: [&str; 5] = ["las", "laz", "e57", "pcd", "xyz"];
 
-/// The usable points of the first cloud that is there: one of `first`, or one of the usual names in the capture at `root`.
-/// A file that is not a cloud is noted and left out: nothing names it.
-pub(super) fn beside(first: impl Iterator<Item = PathBuf>, root: &Path, skipped: &mut Skipped) -> Vec<ListedPoint> {
-    let usual = NAMES.iter().map(|name| root.join(name));
-    let Some(path) = first.chain(usual).find(|path| path.is_file()) else {
-        skipped.notes.extend(unread(root));
+/// The usable points of the first cloud that is there under one of the usual names, in any case, in one of these folders, of which
+/// the first counts first. A file that is not a cloud is noted and left out: nothing names it.
+pub(super) fn beside(folders: &[&Path], skipped: &mut Skipped) -> Vec<ListedPoint> {
+    let held: Vec<Vec<PathBuf>> = folders.iter().map(|folder| files(folder)).collect();
+    let named = |files: &Vec<PathBuf>| {
+        let is = |path: &&PathBuf, name: &str| path.file_name().is_some_and(|own| own.eq_ignore_ascii_case(name));
+        NAMES.iter().find_map(|name| files.iter().find(|path| is(path, name))).cloned()
+    };
+    let Some(path) = held.iter().find_map(named) else {
+        skipped.notes.extend(held.iter().find_map(|files| unread(files)));
         return Vec::new();
     };
     match point_ply::read(&path) {
@@ -34,12 +38,24 @@ pub(super) fn beside(first: impl Iterator<Item = PathBuf>, root: &Path, skipped:
     }
 }
 
-/// A note on a cloud in a format that is not read.
-fn unread(root: &Path) -> Option<String> {
-    let files = fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path());
-    let is_cloud = |path: &PathBuf| path.extension().is_some_and(|e| UNREAD.iter().any(|u| e.eq_ignore_ascii_case(u)));
-    let first = files.filter(is_cloud).min()?;
-    Some(format!("no points: {} is not read, convert it to PLY and name it points3D.ply", first.display()))
+/// The files in a folder, sorted.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_file()).collect();
+    files.sort();
+    files
+}
+
+/// A note on a cloud in a format that is not read, or under a name that says nothing.
+fn unread(files: &[PathBuf]) -> Option<String> {
+    let one_of = |path: &&PathBuf, extensions: &[&str]| {
+        path.extension().is_some_and(|e| extensions.iter().any(|known| e.eq_ignore_ascii_case(known)))
+    };
+    if let Some(first) = files.iter().find(|path| one_of(path, &UNREAD)) {
+        return Some(format!("no points: {} is not read, convert it to PLY and name it points3D.ply", first.display()));
+    }
+    let ply = files.iter().find(|path| one_of(path, &["ply"]))?;
+    Some(format!("no points: if {} holds them, name it points3D.ply", ply.display()))
 }
 
 /// Leaves out and counts points that are nowhere.

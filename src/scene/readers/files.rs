@@ -4,13 +4,12 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::names::{EXTENSIONS, is_photo_name, key, relative, tidy};
+use super::kinds::{EXTENSIONS, is_photo_name, unread_format};
+use super::names::{key, relative, tidy};
 use super::tree::photo_names;
 use crate::scene::Error;
+use crate::scene::image_file::{IS_LFS_POINTER, LFS_POINTER};
 use crate::scene::image_size::image_size;
-
-/// Extensions of depth maps; `render --depth` writes the first.
-const DEPTHS: [&str; 7] = ["depth.npy", "npy", "depth.png", "png", "exr", "tif", "tiff"];
 
 /// The photo folder that the user names: within the scene, otherwise a path of its own.
 pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> {
@@ -41,13 +40,13 @@ pub(super) fn child(folder: &Path, name: &str) -> PathBuf {
 }
 
 /// The first candidate that exists as named, with another photo extension or with one appended; otherwise the first as
-/// named.
+/// named. A photo in a format that is not read gives way to its copy in one that is.
 pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {
     for candidate in candidates {
-        if is_photo_name(candidate) {
-            if candidate.is_file() {
-                return candidate.clone();
-            }
+        if is_photo_name(candidate) && candidate.is_file() {
+            return candidate.clone();
+        }
+        if is_photo_name(candidate) || unread_format(candidate).is_some() {
             if let Some(found) = EXTENSIONS.iter().map(|e| candidate.with_extension(e)).find(|p| p.is_file()) {
                 return found;
             }
@@ -86,6 +85,12 @@ impl Folders {
         (0..whole).find_map(|from| self.in_any_case(root, &parts[from..])).unwrap_or(usual)
     }
 
+    /// The file of a path's folder whose name differs from the path's at most in case.
+    pub(super) fn same(&mut self, path: &Path) -> Option<PathBuf> {
+        let found = self.of(path.parent()?).get(&key(&path.file_name()?.to_string_lossy()))?;
+        found.iter().find(|path| path.is_file()).cloned()
+    }
+
     /// The file at a path below a folder, whose parts may be written in another case.
     fn in_any_case(&mut self, folder: &Path, parts: &[&str]) -> Option<PathBuf> {
         let (first, rest) = parts.split_first()?;
@@ -109,23 +114,6 @@ impl Folders {
     }
 }
 
-/// The depth map of a photo in a folder: with its name, or that of its file alone, and an extension of depth maps in place of its
-/// own or after it, in any case.
-pub(super) fn depth_map(folders: &mut Folders, folder: &Path, name: &str) -> Option<PathBuf> {
-    let last = name.rsplit('/').next().unwrap_or(name);
-    let bases = [name, last].map(|name| folder.join(name));
-    let candidates = bases.iter().flat_map(|base| {
-        DEPTHS.iter().flat_map(move |extension| [base.with_extension(extension), appended(base, extension)])
-    });
-    let candidates: Vec<PathBuf> = candidates.chain(bases.iter().cloned()).collect();
-    candidates.iter().find(|path| path.is_file()).cloned().or_else(|| {
-        candidates.iter().find_map(|path| {
-            let found = folders.of(path.parent()?).get(&key(&path.file_name()?.to_string_lossy()))?;
-            found.iter().find(|path| path.is_file()).cloned()
-        })
-    })
-}
-
 /// Width and height of the photo at `path`, if there is one with a legible header.
 ///
 /// Only regular files are opened: a name may point anywhere.
@@ -143,7 +131,11 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Error> {
     if !metadata.is_file() {
         return Err(Error::io(path, std::io::Error::other("it is not a regular file")));
     }
-    fs::read(path).map_err(|e| Error::io(path, e))
+    let bytes = fs::read(path).map_err(|e| Error::io(path, e))?;
+    if bytes.starts_with(LFS_POINTER) {
+        return Err(Error::malformed(path, "its beginning", IS_LFS_POINTER));
+    }
+    Ok(bytes)
 }
 
 /// Reads a whole text file in UTF-8, or in the UTF-16 that Windows writes, without its byte order mark.
@@ -167,12 +159,22 @@ pub fn read_text(path: &Path) -> Result<String, Error> {
         // Lines of old Macs.
         bytes.iter_mut().filter(|byte| **byte == b'\r').for_each(|byte| *byte = b'\n');
     }
+    plain_comments(&mut bytes);
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
+        let line = e.as_bytes()[..at].split(|byte| *byte == b'\n').count();
         Error::malformed(
             path,
-            format!("byte {at}"),
-            "is not UTF-8 text; is this another format under a text file's name?",
+            format!("line {line} (byte {at})"),
+            "is not UTF-8 text: save the file as UTF-8, or is this another format under a text file's name?",
         )
     })
+}
+
+/// Replaces by `?` what is not ASCII in comments, lines that begin with `#`, of a text that is not UTF-8.
+fn plain_comments(bytes: &mut [u8]) {
+    if std::str::from_utf8(bytes).is_err() {
+        let comments = bytes.split_mut(|byte| *byte == b'\n').filter(|line| line.trim_ascii_start().starts_with(b"#"));
+        comments.flatten().filter(|byte| !byte.is_ascii()).for_each(|byte| *byte = b'?');
+    }
 }

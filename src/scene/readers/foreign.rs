@@ -1,39 +1,128 @@
 //! Poses that lie beside photos in formats that are not read: named, with the way to a format that is.
 
 use std::fs;
+use std::io::Read;
 use std::path::Path;
 
-/// How a file's name ends, in lower case, the program that writes it, and how that program exports COLMAP's format.
-const FOREIGN: [(&str, &str, &str); 16] = [
-    ("reconstruction.json", "OpenSfM", "`opensfm export_colmap` converts it"),
-    ("sfm_data.json", "OpenMVG", "`openMVG_main_openMVG2Colmap` converts it"),
-    ("meta_data.json", "SDFStudio", "give its photos to `pose`, or its transforms.json"),
-    ("poses_bounds.npy", "LLFF", "give the COLMAP model that it was made from"),
-    ("bundle.out", "Bundler", "export COLMAP's format instead"),
-    ("database.db", "COLMAP, without a model", "run `colmap mapper`"),
-    ("cameras_sphere.npz", "NeuS or IDR", "give the COLMAP model that it was made from"),
-    ("metadata.json", "Record3D", "nerfstudio's `ns-process-data record3d` converts it"),
-    ("pose", "ScanNet or NSVF", "convert it to a transforms.json"),
-    (".sfm", "Meshroom", "its node ExportColmap, or `aliceVision_exportColmap`, converts it"),
-    (".abc", "Meshroom", "its node ExportColmap, or `aliceVision_exportColmap`, converts it"),
-    (".nvm", "VisualSFM", "export COLMAP's format instead"),
-    (".rcproj", "RealityScan", "export the registration as COLMAP"),
-    (".psx", "Metashape", "export cameras as COLMAP"),
-    (".xml", "Metashape", "export cameras as COLMAP"),
-    (".csv", "RealityScan", "export the registration as COLMAP"),
+use super::files::child;
+
+/// How much of a file tells its format.
+const BEGINNING: u64 = 4096;
+
+/// A format of poses that is not read.
+struct Format {
+    /// The names of its files in lower case; `*` stands for anything.
+    names: &'static [&'static str],
+    /// What the beginning of such a file holds, in lower case, where other programs use the same names.
+    holds: &'static str,
+    /// The program that writes it.
+    program: &'static str,
+    /// How it becomes one that is read.
+    remedy: &'static str,
+}
+
+const fn format(
+    names: &'static [&'static str],
+    holds: &'static str,
+    program: &'static str,
+    remedy: &'static str,
+) -> Format {
+    Format { names, holds, program, remedy }
+}
+
+const FOREIGN: [Format; 24] = [
+    format(&["reconstruction.json"], "", "OpenSfM", "`opensfm export_colmap` converts it"),
+    format(&["sfm_data.json", "sfm_data.bin"], "", "OpenMVG", "`openMVG_main_openMVG2Colmap` converts it"),
+    format(&["meta_data.json"], "", "SDFStudio", "give its photos to `pose`, or its transforms.json"),
+    format(&["poses_bounds*.npy"], "", "LLFF", "give the COLMAP model that it was made from"),
+    format(&["*.out"], "# bundle file", "Bundler", "export COLMAP's format instead"),
+    format(&["database.db"], "", "COLMAP, without a model", "run `colmap mapper`"),
+    format(
+        &["cameras.npz", "cameras_sphere.npz", "cameras_large.npz"],
+        "",
+        "NeuS, IDR or DTU",
+        "give the COLMAP model that it was made from",
+    ),
+    format(&["metadata.json"], "", "Record3D", "nerfstudio's `ns-process-data record3d` converts it"),
+    format(&["pose", "poses"], "", "ScanNet or NSVF", "convert it to a transforms.json"),
+    format(
+        &["*.sfm", "sfm.json", "*.abc"],
+        "",
+        "Meshroom",
+        "its node ExportColmap, or `aliceVision_exportColmap`, converts it",
+    ),
+    format(&["*.nvm"], "nvm_v", "VisualSFM", "export COLMAP's format instead"),
+    format(&["*.rcproj", "*.rsproj"], "", "RealityScan", "export the registration as COLMAP"),
+    format(&["*.csv"], "#name,x,y", "RealityScan", "export the registration as COLMAP"),
+    format(&["*.xmp"], "xcr:", "RealityScan", "export the registration as COLMAP"),
+    format(&["*.psx"], "", "Metashape", "export cameras as COLMAP"),
+    format(&["*.xml"], "<document", "Metashape", "export cameras as COLMAP"),
+    format(&["*.xml"], "<blocksexchange", "ContextCapture", "export COLMAP's format instead"),
+    format(&["*_calibrated_camera_parameters.txt"], "", "Pix4D", "export COLMAP's format instead"),
+    format(&["*.json"], "cameraposearframe", "ARKit", "nerfstudio's `ns-process-data` converts it"),
+    format(&["cameras.json"], "\"img_name\"", "a run of 3DGS", "give the capture that it was trained on"),
+    format(&["groundtruth.txt"], "", "TUM RGB-D", "convert it to a transforms.json"),
+    format(&["poses.txt"], "", "KITTI", "convert it to a transforms.json"),
+    format(&["*.log"], "0 0 0\n", "Tanks and Temples", "give the COLMAP model that belongs to it"),
+    format(
+        &["transforms_val.json", "transforms_test.json"],
+        "",
+        "Blender, without transforms_train.json",
+        "name it transforms.json",
+    ),
 ];
 
-/// A sentence on the files in a folder that may hold poses and are not read; empty if there are none.
+impl Format {
+    /// True for the path of such a file or folder.
+    fn is_of(&self, path: &Path) -> bool {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+        let matches = |known: &&str| match known.split_once('*') {
+            Some((start, end)) => {
+                name.len() >= start.len() + end.len() && name.starts_with(start) && name.ends_with(end)
+            }
+            None => name == **known,
+        };
+        self.names.iter().any(matches) && (self.holds.is_empty() || beginning(path).contains(self.holds))
+    }
+
+    fn told(&self, what: &str) -> String {
+        format!("{what}perhaps of {}, is not read: {}", self.program, self.remedy)
+    }
+}
+
+/// The beginning of a file as text in lower case.
+fn beginning(path: &Path) -> String {
+    let mut bytes = Vec::new();
+    if path.is_file() {
+        // What cannot be read says nothing.
+        let _ = fs::File::open(path).and_then(|file| file.take(BEGINNING).read_to_end(&mut bytes));
+    }
+    String::from_utf8_lossy(&bytes).replace("\r\n", "\n").to_lowercase()
+}
+
+/// A clause on the format of a file, if it is one that is not read.
+pub(super) fn file(path: &Path) -> Option<String> {
+    let format = FOREIGN.iter().find(|format| format.is_of(path))?;
+    // A transforms file may have any name.
+    let is_transforms = || beginning(path).contains("\"transform_matrix\"") || beginning(path).contains("\"fl_x\"");
+    (!is_transforms()).then(|| format.told("this file, "))
+}
+
+/// A clause on the files in a folder, or beside its photos, that may hold poses and are not read; empty if there are none.
 pub(super) fn poses(folder: &Path) -> String {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).into_iter().flatten().flatten().filter_map(|e| e.file_name().into_string().ok()).collect();
-    names.sort();
-    let told = names.iter().find_map(|name| {
-        let lower = name.to_lowercase();
-        let (_, program, remedy) = FOREIGN.iter().find(|(end, ..)| lower.ends_with(end))?;
-        Some(format!("; {name}, perhaps of {program}, is not read: {remedy}"))
-    });
+    let images = child(folder, "images");
+    let told = [folder, &images].into_iter().find_map(in_folder);
     told.or_else(|| half_a_model(folder)).unwrap_or_default()
+}
+
+fn in_folder(folder: &Path) -> Option<String> {
+    let mut paths: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    FOREIGN.iter().find_map(|format| {
+        let path = paths.iter().find(|path| format.is_of(path))?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        Some(format.told(&format!("; {name}, ")))
+    })
 }
 
 /// A COLMAP model that lacks a file.

@@ -6,7 +6,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::files::appended;
-use super::names::{belongs_to, is_photo_name, key, last};
+use super::kinds::is_photo_name;
+use super::names::{belongs_to, key, last};
 use super::tree::{is_map_folder, is_mask_folder};
 use crate::scene::image_file::{color_type, hides_where_white};
 use crate::wording::counted;

@@ -6,8 +6,11 @@
 
 mod clouds;
 mod colmap;
+mod depths;
 mod files;
 mod foreign;
+mod instead;
+mod kinds;
 mod masks;
 mod names;
 mod place;
@@ -18,6 +21,8 @@ mod tree;
 
 pub use colmap::rigs;
 pub use files::read_text;
+pub use instead::instead;
+pub use kinds::is_video_name;
 pub use masks::masks_of;
 pub use tree::{PhotoTree, photo_names};
 
@@ -103,10 +108,11 @@ fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
     assemble(listing, options)
 }
 
-/// The folder of a capture's photos: the one asked for, its images or its input folder, or the capture itself.
+/// The folder of a capture's photos: the one asked for, its images or its input folder, or the capture itself. Polycam's
+/// corrected images come before the others.
 pub fn photo_folder(capture: &Path, asked: Option<&Path>) -> Option<PathBuf> {
     let asked = asked.and_then(|asked| files::image_folder(capture, asked).ok());
-    let usual = ["images", "input"].map(|sub| files::child(capture, sub));
+    let usual = ["corrected_images", "images", "input"].map(|sub| files::child(capture, sub));
     let folders = asked.into_iter().chain(usual).chain([capture.to_owned()]);
     folders.into_iter().find(|folder| !photo_names(folder).is_empty())
 }
@@ -133,13 +139,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
         skipped.notes.extend((whole.count > 0).then(|| format!("{photos} without a mask, used as a whole ({whole})")));
     }
     if let Some(asked) = &options.depth {
-        let (folder, mut folders) = (files::image_folder(&listing.root, asked)?, files::Folders::default());
-        for view in &mut listed {
-            view.depth = files::depth_map(&mut folders, &folder, &view.name);
-            if view.depth.is_none() {
-                skipped.missing_depths.add(&view.name);
-            }
-        }
+        find_depths(&files::image_folder(&listing.root, asked)?, &mut listed, &mut skipped);
     }
     let mut numbered = finish(listed, &source, options)?;
     numbered.sort_by(|(_, a), (_, b)| a.name.cmp(&b.name));
@@ -175,6 +175,24 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let origin = DVec3::ZERO;
     let Listing { kind, root, .. } = listing;
     Ok(Scene { kind, root, source, views, points, skipped, near, unit: 1.0, origin }.move_near())
+}
+
+/// Finds the depth maps of views in a folder; one that may be that of several photos is none's.
+fn find_depths(folder: &Path, views: &mut [ListedView], skipped: &mut Skipped) {
+    let mut maps = depths::DepthMaps::of(folder);
+    let found: Vec<Option<PathBuf>> = views.iter().map(|view| maps.find(&view.name)).collect();
+    let mut used: HashMap<&PathBuf, usize> = HashMap::new();
+    found.iter().flatten().for_each(|map| *used.entry(map).or_default() += 1);
+    for (view, map) in views.iter_mut().zip(&found) {
+        view.depth = map.clone().filter(|map| used[map] == 1);
+        if view.depth.is_none() {
+            skipped.missing_depths.add(&view.name);
+        }
+    }
+    if used.is_empty() {
+        skipped.missing_depths = Names::default();
+        skipped.notes.push(maps.doubt());
+    }
 }
 
 /// A note if most views see none of the points, of which some are looked at; points with tracks are seen.
@@ -218,7 +236,8 @@ fn outlying(views: &[View]) -> Option<String> {
 /// Counts the photos in `folder` that no view has, and those that cannot be read.
 fn unposed(folder: &Path, views: &[ListedView], skipped: &mut Skipped) {
     let known: HashSet<&Path> = views.iter().map(|view| view.image.as_path()).collect();
-    let tree = PhotoTree::of(folder);
+    let mut tree = PhotoTree::of(folder);
+    tree.unread.retain(|name| !known.contains(folder.join(name).as_path()));
     // Each may be the other's extension: a.jpg for a.png.
     for name in tree.names.iter().filter(|name| !known.contains(folder.join(name).as_path())) {
         skipped.unposed_images.add(name);

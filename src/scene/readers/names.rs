@@ -7,12 +7,9 @@ use std::path::{Path, PathBuf};
 
 use unicode_normalization::UnicodeNormalization;
 
-/// Extensions of photos, in the order in which they are tried for names without one.
-pub(super) const EXTENSIONS: [&str; 14] =
-    ["png", "jpg", "jpeg", "JPG", "PNG", "JPEG", "webp", "WEBP", "tif", "tiff", "TIF", "TIFF", "exr", "EXR"];
-/// Extensions, in lower case, of photos that are not read.
-const UNREAD: [&str; 15] =
-    ["heic", "heif", "avif", "jxl", "jp2", "bmp", "dng", "cr2", "cr3", "nef", "arw", "raf", "orf", "rw2", "insp"];
+use super::kinds::{is_photo_name, unread_format};
+use super::tree::PhotoTree;
+
 /// Files and folders that make their folder a scene with poses.
 const SCENES: [&str; 5] = ["sparse", "cameras.bin", "cameras.txt", "transforms.json", "transforms_train.json"];
 /// Files that make their folder a result of this program.
@@ -24,16 +21,6 @@ const MASK_WORDS: &str = "mask masks";
 const MAP_WORDS: &str = "depth depths depthmap disparity conf confidence normal normals segmentation";
 /// Extensions of files that hold numbers without loss.
 const LOSSLESS: [&str; 4] = ["png", "tif", "tiff", "exr"];
-
-/// True if the path has a photo's extension.
-pub(super) fn is_photo_name(path: &Path) -> bool {
-    path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
-}
-
-/// True if the path has the extension of photos that are not read.
-pub(super) fn is_unread_name(path: &Path) -> bool {
-    path.extension().is_some_and(|e| UNREAD.iter().any(|known| e.eq_ignore_ascii_case(known)))
-}
 
 /// The path with forward slashes and without a leading `./`.
 pub(super) fn tidy(path: &str) -> String {
@@ -57,7 +44,7 @@ pub(super) fn last(path: &str) -> &str {
 /// The path without a photo's extension.
 fn without_extension(path: &str) -> &str {
     match path.rsplit_once('.') {
-        Some((stem, _)) if is_photo_name(Path::new(path)) || is_unread_name(Path::new(path)) => stem,
+        Some((stem, _)) if is_photo_name(Path::new(path)) || unread_format(Path::new(path)).is_some() => stem,
         _ => path,
     }
 }
@@ -111,7 +98,7 @@ pub(super) fn has_owner(owners: &[String], photos: &[String]) -> bool {
     })
 }
 
-/// All photos below a folder, found by names that differ from theirs in case, in the composition of letters, in
+/// All photos below a folder, without what only looks like them ([`PhotoTree`]), found by names that differ from theirs in case, in the composition of letters, in
 /// extensions, or in the folders of the machine that wrote them.
 pub(super) struct Lookup {
     folder: PathBuf,
@@ -166,28 +153,11 @@ impl Lookup {
 impl Files {
     fn of(folder: &Path) -> Self {
         let mut files = Self { flat: true, ..Self::default() };
-        let mut open = vec![(folder.to_owned(), String::new())];
-        while let Some((path, prefix)) = open.pop() {
-            let entries: Vec<_> = fs::read_dir(path).into_iter().flatten().flatten().collect();
-            // Photos of another scene, perhaps undistorted ones, are not this one's.
-            if !prefix.is_empty() && is_scene(&entries) {
-                continue;
-            }
-            for entry in entries {
-                let Ok(own) = entry.file_name().into_string() else { continue };
-                let name = format!("{prefix}{own}");
-                if own.starts_with('.') {
-                    continue;
-                }
-                if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-                    open.push((entry.path(), name + "/"));
-                } else if is_photo_name(&entry.path()) {
-                    let key = key(&name);
-                    files.flat &= prefix.is_empty();
-                    files.last.entry(last(&key).to_owned()).or_default().push(name.clone());
-                    files.whole.entry(key).or_default().push(name);
-                }
-            }
+        for name in PhotoTree::whole(folder).names {
+            let key = key(&name);
+            files.flat &= !name.contains('/');
+            files.last.entry(last(&key).to_owned()).or_default().push(name.clone());
+            files.whole.entry(key).or_default().push(name);
         }
         files
     }
@@ -211,14 +181,14 @@ fn unescaped(name: &str) -> Option<String> {
     String::from_utf8(bytes).ok().filter(|plain| plain != name)
 }
 
-/// The only file, or the only one with the extension of `name`.
+/// The only file, or the only one with the extension of `name`; of several, the only one in the folder images.
 fn one(found: &[String], name: &str) -> Option<String> {
-    if let [only] = found {
-        return Some(only.clone());
-    }
     let extension = |name: &str| name.rsplit_once('.').map(|(_, e)| e.to_ascii_lowercase());
-    let mut same = found.iter().filter(|file| extension(file) == extension(name));
-    same.next().filter(|_| same.next().is_none()).cloned()
+    let same: Vec<&String> = found.iter().filter(|file| extension(file) == extension(name)).collect();
+    let among = if same.is_empty() { found.iter().collect() } else { same };
+    let usual = among.iter().copied().filter(|file| file.to_ascii_lowercase().starts_with("images/"));
+    let only = |files: Vec<&String>| if let [only] = files[..] { Some(only.clone()) } else { None };
+    only(among.clone()).or_else(|| only(usual.collect()))
 }
 
 /// True if these files and folders make their folder a scene with poses, or a result.

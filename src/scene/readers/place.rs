@@ -1,10 +1,13 @@
 //! Location of a scene's poses: the given folder, or a subfolder.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use super::files::child;
+use super::instead::instead;
 use super::names::is_result;
-use super::{colmap, foreign, photo_folder, photo_names};
+use super::tree::{PhotoTree, unread};
+use super::{colmap, foreign, photo_folder};
 use crate::scene::{Error, OpenOptions};
 
 /// The places where [`find`] looks, in this order.
@@ -37,15 +40,17 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
     std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
     let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) {
-        return Ok(Place::of(folder, Poses::Transforms(path.to_owned())));
-    }
-    let nothing = |root: &Path, beside| Error::NoScene { root: root.to_owned(), looked_for: LOOKED_FOR, beside };
-    let part_of_model = ["cameras", "images", "points3D"]
-        .iter()
-        .any(|part| path.file_stem().is_some_and(|s| s.eq_ignore_ascii_case(part)));
-    if path.is_file() && !part_of_model {
-        return Err(nothing(path, String::new()));
+    let nothing = |root: &Path, beside| match instead(path) {
+        Some(what) => Error::Instead { path: path.to_owned(), what },
+        None => Error::NoScene { root: root.to_owned(), looked_for: LOOKED_FOR, beside },
+    };
+    if path.is_file() && !is_part(path) {
+        let transforms = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) && instead(path).is_none();
+        return if transforms {
+            Ok(Place::of(folder, Poses::Transforms(path.to_owned())))
+        } else {
+            Err(nothing(path, String::new()))
+        };
     }
     if let Some(place) = here(folder, options) {
         return Ok(place);
@@ -62,14 +67,34 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
         let note = format!("no poses in {} itself: {} in it is used", folder.display(), name_in(folder, &place.root));
         return Ok(Place { outer: folder.to_owned(), note: Some(place.note.unwrap_or(note)), ..place });
     }
-    let beside = foreign::poses(folder);
+    let beside = above(folder).unwrap_or_else(|| foreign::poses(folder));
     match photo_folder(folder, options.images.as_deref()) {
         Some(images) => {
-            let photos = photo_names(&images).len();
+            let tree = PhotoTree::of(&images);
+            let unread = unread(&tree.unread).map(|unread| format!("; {unread}")).unwrap_or_default();
+            let (photos, beside) = (tree.names.len(), beside + &unread);
             Err(Error::NoPoses { root: folder.to_owned(), images, photos, beside })
         }
         None => Err(nothing(path, beside)),
     }
+}
+
+/// True for the path of a COLMAP model's file.
+fn is_part(path: &Path) -> bool {
+    let is =
+        |part: Option<&OsStr>, known: &[&str]| part.is_some_and(|p| known.iter().any(|k| p.eq_ignore_ascii_case(k)));
+    is(path.file_stem(), &["cameras", "images", "points3D"]) && is(path.extension(), &["bin", "txt"])
+}
+
+/// A clause on the poses beside a folder of photos.
+fn above(folder: &Path) -> Option<String> {
+    let above = match folder.parent() {
+        Some(parent) if parent.as_os_str().is_empty() => Path::new("."),
+        Some(parent) => parent,
+        None => Path::new(".."),
+    };
+    here(above, &OpenOptions::default())?;
+    Some(format!("; poses lie beside it: give {} to use them", above.display()))
 }
 
 impl Place {
@@ -92,7 +117,7 @@ fn name_in(folder: &Path, inner: &Path) -> String {
 /// The scene whose poses lie in a folder.
 fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
     let colmap = |root: &Path, place: &Path| {
-        let (model, note) = colmap::largest(place)?;
+        let (model, note) = colmap::largest(place, colmap::models(place))?;
         Some(Place { note, ..Place::of(root, Poses::Colmap(model)) })
     };
     if colmap::is_model(folder) {
@@ -124,7 +149,18 @@ fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
     if let Some(file) = named.into_iter().find(|file| file.is_file()) {
         return Some(Place::of(folder, Poses::Transforms(file)));
     }
-    ["colmap/sparse", "distorted/sparse"].iter().find_map(|place| colmap(folder, &child(folder, place)))
+    let others = ["colmap/sparse", "distorted/sparse"].iter().find_map(|place| colmap(folder, &child(folder, place)));
+    others.or_else(|| numbered(folder))
+}
+
+/// The scene with the largest model in folders such as sparse_16, as InstantSplat calls them by their number of photos.
+fn numbered(folder: &Path) -> Option<Place> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let sparse = entries.filter(|e| e.file_name().to_string_lossy().to_lowercase().starts_with("sparse_"));
+    let (model, note) = colmap::largest(folder, sparse.flat_map(|e| colmap::models(&e.path())).collect())?;
+    let only = || format!("the poses are those of {}", name_in(folder, &model));
+    let note = Some(note.unwrap_or_else(only));
+    Some(Place { note, ..Place::of(folder, Poses::Colmap(model)) })
 }
 
 /// The scenes in a folder's subfolders, sorted, without results of this program.

@@ -1,10 +1,11 @@
 //! Photos of a folder whose poses are not known, without the files and folders that only look like photos.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use super::names::{belongs_to, has_owner, is_photo_name, is_scene, is_unread_name, key, last};
+use super::kinds::{is_photo_name, unread_format};
+use super::names::{belongs_to, has_owner, is_scene, key, last};
 use crate::scene::Names;
 use crate::wording::counted;
 
@@ -31,10 +32,10 @@ pub struct PhotoTree {
     pub names: Vec<String>,
     /// Subfolders that were left out, likewise; hidden ones and masks are not told.
     pub left_out: Vec<String>,
-    /// Files beside photos that are their masks, depth maps or the like, likewise.
+    /// Files beside photos that are their masks, maps or small copies, likewise.
     pub aside: Vec<String>,
-    /// Photos in a format that is not read.
-    pub unread: Names,
+    /// Photos in formats that are not read, and of which there is no copy beside them that is, likewise.
+    pub unread: Vec<String>,
 }
 
 impl PhotoTree {
@@ -42,6 +43,15 @@ impl PhotoTree {
     /// second copies of photos, and folders that hold a scene with poses or a result of this program. Empty if there is no
     /// such folder.
     pub fn of(folder: &Path) -> Self {
+        Self::read(folder, false)
+    }
+
+    /// As [`Self::of`], but also looks into the subfolders of a folder that itself holds a scene with poses.
+    pub(super) fn whole(folder: &Path) -> Self {
+        Self::read(folder, true)
+    }
+
+    fn read(folder: &Path, whole: bool) -> Self {
         let mut tree = Self::default();
         let mut open = vec![(folder.to_owned(), String::new())];
         while let Some((path, prefix)) = open.pop() {
@@ -51,7 +61,7 @@ impl PhotoTree {
                 tree.left_out.push(prefix.trim_end_matches('/').to_owned());
                 continue;
             }
-            let mut photos = Vec::new();
+            let (mut photos, mut unread) = (Vec::new(), Vec::new());
             for entry in entries {
                 let Ok(own) = entry.file_name().into_string() else { continue };
                 let name = format!("{prefix}{own}");
@@ -61,38 +71,43 @@ impl PhotoTree {
                 if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                     match own.to_lowercase().as_str() {
                         lower if is_mask_folder(lower) => {}
-                        lower if SMALL.contains(&lower) || MAPS.contains(&lower) => tree.left_out.push(name),
+                        lower if is_aside_folder(lower) => tree.left_out.push(name),
                         // A scene's photos are in the folder itself; what lies deeper belongs to its results.
-                        _ if marked => {}
+                        _ if marked && !whole => {}
                         _ => open.push((entry.path(), name + "/")),
                     }
                 } else if is_photo_name(&entry.path()) && entry.path().is_file() {
                     photos.push(name);
-                } else if is_unread_name(&entry.path()) {
-                    tree.unread.add(&name);
+                } else if unread_format(&entry.path()).is_some() {
+                    unread.push(name);
                 }
             }
+            let read: HashSet<String> = photos.iter().map(|name| key(name)).collect();
+            tree.unread.extend(unread.into_iter().filter(|name| !read.contains(&key(name))));
             tree.add(photos);
         }
         tree.drop_copies();
         tree.names.sort();
         tree.left_out.sort();
         tree.aside.sort();
+        tree.unread.sort();
         tree
     }
 
     /// Adds the photos of one folder, and sets aside what belongs to one of them.
     fn add(&mut self, files: Vec<String>) {
         let owners: Vec<Vec<String>> = files.iter().map(|file| belongs_to(file, true)).collect();
-        let own = files.iter().zip(&owners).filter(|(_, owners)| owners.is_empty());
+        let own = files.iter().zip(&owners).filter(|(file, owners)| owners.is_empty() && !is_product(file));
         let photos: Vec<String> = own.map(|(file, _)| key(file)).collect();
         for (file, owners) in files.into_iter().zip(owners) {
-            let to = if has_owner(&owners, &photos) { &mut self.aside } else { &mut self.names };
+            let is_aside = has_owner(&owners, &photos) || is_product(&file) && !photos.is_empty();
+            let to = if is_aside { &mut self.aside } else { &mut self.names };
             to.push(file);
         }
     }
 
-    /// Of folders with the same photos twice, keeps one: corrected_images before images, images before images_4.
+    /// Of folders with the same photos twice, keeps one: corrected_images before images, images before images_2, that before
+    /// images_4.
     fn drop_copies(&mut self) {
         let mut held: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
         for name in &self.names {
@@ -104,7 +119,8 @@ impl PhotoTree {
             let (above, own) = folder.rsplit_once('/').map_or(("", *folder), |(above, own)| (above, own));
             let beside = |name: &str| if above.is_empty() { name.to_owned() } else { format!("{above}/{name}") };
             let scaled = own.rsplit_once('_').filter(|(_, n)| n.parse::<u32>().is_ok()).map(|(whole, _)| beside(whole));
-            let better = scaled.into_iter().chain([beside(&format!("corrected_{own}"))]);
+            let larger = (1..reduction(own).ilog2()).map(|power| beside(&format!("images_{}", 1 << power)));
+            let better = scaled.into_iter().chain(larger).chain([beside(&format!("corrected_{own}"))]);
             let same = |other: &String| held.get(other.as_str()).is_some_and(|others| photos.is_subset(others));
             if !own.is_empty() && better.into_iter().any(|other| same(&other)) {
                 copies.push((*folder).to_owned());
@@ -120,7 +136,8 @@ impl PhotoTree {
         let mut aside = Names::default();
         self.aside.iter().for_each(|name| aside.add(name));
         let files = counted(aside.count, "file");
-        let aside = (aside.count > 0).then(|| format!("{files} set aside as masks or maps of photos ({aside})"));
+        let aside =
+            (aside.count > 0).then(|| format!("{files} set aside as masks, maps or small copies of photos ({aside})"));
         aside.into_iter().chain(unread(&self.unread)).collect()
     }
 
@@ -134,11 +151,52 @@ impl PhotoTree {
     }
 }
 
-/// A note on photos in an unsupported format; none without such photos.
-fn unread(names: &Names) -> Option<String> {
-    let convert = "convert them, with ImageMagick by `magick mogrify -format jpg -quality 95`";
-    let photos = counted(names.count, "photo");
-    (names.count > 0).then(|| format!("{photos} in a format that is not read ({names}): {convert}"))
+/// A note on photos in formats that are not read; none without such photos.
+pub(super) fn unread(names: &[String]) -> Option<String> {
+    let formats: BTreeSet<&str> = names.iter().filter_map(|name| unread_format(Path::new(name))).collect();
+    let formats: Vec<&str> = formats.into_iter().collect();
+    let is_not = if formats.len() == 1 { "is not read" } else { "are not read" };
+    let (photos, formats) = (counted(names.len(), "photo"), formats.join(" and "));
+    let mut some = Names::default();
+    for name in names {
+        some.add(name);
+    }
+    (!names.is_empty()).then(|| format!("{photos} in {formats}, which {is_not} ({some}): {CONVERT_ALL}"))
+}
+
+/// How photos get a format that is read.
+const CONVERT_ALL: &str = "convert them, with ImageMagick by `magick mogrify -format jpg -quality 95`";
+
+/// The factor by which photos in a folder of this name are smaller: 4 for images_4; 1 for others.
+fn reduction(folder: &str) -> u32 {
+    let number = folder.strip_prefix("images_").and_then(|n| n.parse::<u32>().ok());
+    number.filter(|n| n.is_power_of_two()).unwrap_or(1)
+}
+
+/// True for the name of a file that an app of scans writes beside its photos: a small copy, or a texture.
+fn is_product(name: &str) -> bool {
+    let key = key(last(name));
+    key.starts_with("thumb_") || key == "thumbnail" || key == "textured_output"
+}
+
+/// True for the name, in lower case, of a folder of maps or of small copies.
+fn is_aside_folder(lower: &str) -> bool {
+    SMALL.contains(&lower) || MAPS.contains(&lower)
+}
+
+/// The subfolders of a capture in which its photos may lie; folders of smaller copies last, the largest copies first.
+pub(super) fn photo_folders(capture: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(capture).into_iter().flatten().flatten();
+    let mut folders: Vec<(u32, PathBuf)> = entries
+        .filter_map(|entry| {
+            let (path, lower) = (entry.path(), entry.file_name().to_string_lossy().to_lowercase());
+            let left_out = lower.starts_with('.') || is_mask_folder(&lower) || is_aside_folder(&lower);
+            let inner: Vec<_> = fs::read_dir(&path).ok()?.flatten().collect();
+            (!left_out && !is_scene(&inner)).then(|| (reduction(&lower), path))
+        })
+        .collect();
+    folders.sort();
+    folders.into_iter().map(|(_, folder)| folder).collect()
 }
 
 /// True for the name, in lower case, of a folder of masks: masks, mask, masks_4 for images_4, images_masks.

@@ -168,7 +168,11 @@ pub fn scene(folder: &Path) -> bool {
     else {
         return false;
     };
-    assert_eq!(photos.len() + scene.skipped.damaged_images.count, listed - absent(&scene), "each is counted");
+    assert_eq!(
+        photos.len() + scene.skipped.damaged_images.count + scene.skipped.unread_images.count,
+        listed - absent(&scene),
+        "each is counted"
+    );
     for (photo, view) in photos.iter().zip(&scene.views) {
         let camera = view.camera_at(Resize::Width(9));
         assert_eq!(photo.camera, camera);

@@ -10,6 +10,7 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::masks::Masks;
 use super::names::{self, Lookup};
+use super::tree::photo_folders;
 use super::{ListedPoint, ListedView, Listing, clouds, files, pose};
 use crate::scene::lens::{Lens, LensModel};
 use crate::scene::view::Role;
@@ -87,22 +88,39 @@ pub fn rigs(model: &Path) -> Result<Vec<usize>, Error> {
     Ok(all.into_iter().filter(|cameras| *cameras > 1).collect())
 }
 
-/// The model with the most images in `sparse` itself and in its subfolders, and what to tell if there are several.
-pub(super) fn largest(sparse: &Path) -> Option<(PathBuf, Option<String>)> {
-    let inner = std::fs::read_dir(sparse).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut models: Vec<PathBuf> = inner.filter(|path| is_model(path)).collect();
-    models.sort();
-    models.extend(is_model(sparse).then(|| sparse.to_owned()));
+/// The models in `sparse` itself and in its subfolders, or, if there are none, one level deeper.
+pub(super) fn models(sparse: &Path) -> Vec<PathBuf> {
+    let inner = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect::<Vec<_>>()
+    };
+    let folders = inner(sparse);
+    let all = folders.iter().cloned().chain([sparse.to_owned()]);
+    let models: Vec<PathBuf> = all.filter(|path| is_model(path)).collect();
+    if models.is_empty() {
+        folders.iter().flat_map(|folder| inner(folder)).filter(|path| is_model(path)).collect()
+    } else {
+        models
+    }
+}
+
+/// The model with the most images of those found in the folder `place`, and what to tell if there are several.
+pub(super) fn largest(place: &Path, mut models: Vec<PathBuf>) -> Option<(PathBuf, Option<String>)> {
+    // The folder itself comes last.
+    models.sort_by_key(|model| (model == place, model.clone()));
     if models.len() < 2 {
         return models.pop().map(|only| (only, None));
     }
     let mut sized: Vec<(usize, PathBuf)> = models.into_iter().map(|model| (images_of(&model), model)).collect();
     // Stable: of equal ones the first.
     sized.sort_by_key(|(images, _)| std::cmp::Reverse(*images));
-    let name = |model: &Path| model.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let name = |model: &Path| match model.strip_prefix(place) {
+        Ok(inner) if model != place => inner.display().to_string(),
+        _ => model.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+    };
     let told = |(images, model): &(usize, PathBuf)| format!("{} ({})", name(model), counted(*images, "photo"));
     let rest: Vec<String> = sized[1..].iter().map(told).collect();
-    let (shown, first) = (sparse.display(), told(&sized[0]));
+    let (shown, first) = (place.display(), told(&sized[0]));
     let note = format!("{shown} holds {} models: {first} is used, not {}", sized.len(), rest.join(", "));
     Some((sized.swap_remove(0).1, Some(note)))
 }
@@ -131,6 +149,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     } else {
         HashMap::new()
     };
+    let held_out = held_out(model, &rows, &mut skipped);
     let mut views = Vec::with_capacity(rows.len());
     for row in rows {
         let Some(&lens) = cameras.get(&row.camera_id) else {
@@ -145,6 +164,11 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             continue;
         };
         let misfit = misfit(&lens, pose, &row.marks, &places);
+        let role = match held_out.is_empty() {
+            true => Role::Unsaid,
+            false if held_out.contains(&names::key(&row.name)) => Role::Test,
+            false => Role::Train,
+        };
         let mut image = files::find_photo(&[images.join(&row.name)]);
         let mut name = row.name;
         if !image.is_file() {
@@ -164,10 +188,11 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             lens,
             camera_id: row.camera_id,
             pose,
-            role: Role::Unsaid,
+            role,
         });
     }
     skipped.notes.extend(masks.doubt());
+    skipped.notes.extend(elsewhere(&root, &images, options));
     let mut kept = Vec::with_capacity(points.len());
     for row in points {
         let position = DVec3::from_array(row.position);
@@ -179,12 +204,27 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
         }
     }
     if kept.is_empty() {
-        let beside = ["points3D.ply", "points3d.ply"].iter().map(|name| model.join(name));
-        kept = clouds::beside(beside, &root, &mut skipped);
+        let above = model.parent().filter(|above| above.starts_with(&root)).unwrap_or(&root);
+        kept = clouds::beside(&[model, above, &root], &mut skipped);
     }
     let kind = if is_text(&source) { SceneKind::ColmapText } else { SceneKind::ColmapBinary };
     let photos = options.images.is_none().then_some(images);
     Ok(Listing { kind, root, source, views, points: kept, skipped, photos })
+}
+
+/// The keys of the photos that test.txt beside the model's files holds out, as 3DGS writes it; empty if there is none.
+fn held_out(model: &Path, rows: &[ImageRow], skipped: &mut Skipped) -> HashSet<String> {
+    let file = files::child(model, "test.txt");
+    let Some(text) = file.is_file().then(|| files::read_text(&file)) else { return HashSet::new() };
+    let lines = text.unwrap_or_default();
+    let known: HashSet<String> = rows.iter().map(|row| names::key(&row.name)).collect();
+    let named = lines.lines().map(|line| names::key(line.trim()));
+    let named: HashSet<String> = named.filter(|name| known.contains(name)).collect();
+    skipped.notes.push(match named.len() {
+        0 => format!("{} names no photo: nothing is held out by it", file.display()),
+        some => format!("{} held out, as {} says", counted(some, "photo"), file.display()),
+    });
+    named
 }
 
 /// The median distance in pixels between a photo's 2D points and where its pose and lens show their points; a point behind the
@@ -205,29 +245,40 @@ fn scene_of(model: &Path) -> PathBuf {
     found.unwrap_or(model).to_owned()
 }
 
-/// The folder that image names are relative to: as requested, otherwise images, otherwise input or the scene itself if
-/// the first photos lie there.
+/// Names of folders that are photos' whoever made the capture.
+const USUAL: [&str; 4] = ["images", "input", "photos", "rgb"];
+
+/// A note on photos in a folder of another name, such as one of smaller copies.
+fn elsewhere(root: &Path, images: &Path, options: &OpenOptions) -> Option<String> {
+    let known = images == root || USUAL.iter().any(|name| files::child(root, name) == *images);
+    (!known && options.images.is_none()).then(|| format!("the photos are those of {}", images.display()))
+}
+
+/// The folder that image names are relative to: as requested, otherwise images, otherwise input, the scene itself or another of
+/// its folders if the first photos lie there.
 fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result<PathBuf, Error> {
     if let Some(asked) = &options.images {
         return files::image_folder(root, asked);
     }
     let usual = files::child(root, "images");
-    let named = |folder: &PathBuf| rows.iter().take(100).any(|row| folder.join(&row.name).is_file());
-    let others = || {
-        ["input", "photos", "rgb", ""]
-            .map(|name| if name.is_empty() { root.to_owned() } else { files::child(root, name) })
-    };
-    if usual.is_dir() && named(&usual) {
+    let first = || rows.iter().take(100);
+    let named = |folder: &PathBuf| first().any(|row| files::find_photo(&[folder.join(&row.name)]).is_file());
+    if named(&usual) {
         return Ok(usual);
     }
-    if let Some(folder) = others().into_iter().find(named) {
-        return Ok(folder);
+    let known = USUAL[1..].iter().map(|name| files::child(root, name));
+    let others: Vec<PathBuf> = known.chain([root.to_owned()]).chain(photo_folders(root)).collect();
+    if let Some(folder) = others.iter().find(|folder| named(folder)) {
+        return Ok(folder.clone());
+    }
+    if usual.is_dir() {
+        return Ok(usual);
     }
     let meant = |folder: &PathBuf| {
         let lookup = Lookup::of(folder);
-        folder.is_dir() && rows.iter().take(100).any(|row| lookup.find(&row.name).is_some())
+        folder.is_dir() && first().any(|row| lookup.find(&row.name).is_some())
     };
-    Ok(if usual.is_dir() { usual } else { others().into_iter().find(meant).unwrap_or(usual) })
+    Ok(others.into_iter().find(meant).unwrap_or(usual))
 }
 
 /// Adds a camera; refuses an id that is already taken.
@@ -247,7 +298,9 @@ enum CameraFault {
 impl CameraFault {
     fn at(self, path: &Path, record: String) -> Error {
         match self {
-            Self::Model(model) => Error::UnknownModel { path: path.to_owned(), record, model },
+            Self::Model(model) => {
+                Error::UnknownModel { path: path.to_owned(), record, model, known: LensModel::names() }
+            }
             Self::Other(what) => Error::malformed(path, record, what),
         }
     }

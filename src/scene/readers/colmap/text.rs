@@ -119,14 +119,18 @@ pub(super) fn images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
 /// The triples that name a point.
 fn marks_of(line: &str) -> Vec<Mark> {
     let words: Vec<&str> = line.split_whitespace().collect();
-    let mark = |t: &[&str]| Some((DVec2::new(t[0].parse().ok()?, t[1].parse().ok()?), t[2].parse::<u64>().ok()?));
+    let id = |word: &str| word.trim_end_matches('0').strip_suffix('.').unwrap_or(word).parse::<u64>().ok();
+    let mark = |t: &[&str]| Some((DVec2::new(t[0].parse().ok()?, t[1].parse().ok()?), id(t[2])?));
     words.chunks_exact(3).filter_map(mark).collect()
 }
 
 /// True for triples of two numbers and an index; the names of other images may have as many words.
 fn is_points(line: &str) -> bool {
     let words: Vec<&str> = line.split_whitespace().collect();
-    let triple = |t: &[&str]| t[..2].iter().all(|word| word.parse::<f64>().is_ok()) && t[2].parse::<i64>().is_ok();
+    let number = |word: &&str| word.parse::<f64>();
+    // Some writers give -1 as the largest number of 64 bits, or as a float.
+    let triple =
+        |t: &[&str]| t[..2].iter().all(|w| number(w).is_ok()) && number(&t[2]).is_ok_and(|id| id.fract() == 0.0);
     words.len().is_multiple_of(3) && words.chunks_exact(3).all(triple)
 }
 

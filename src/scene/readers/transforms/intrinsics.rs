@@ -42,6 +42,9 @@ pub(super) struct Intrinsics {
     distortion_params: Option<Vec<f64>>,
 }
 
+/// Below this part of the photo's side, a focal length is not in pixels: lenses that see 170 degrees have one of 0.04 of it.
+const SHARE: f64 = 0.04;
+
 /// Models whose parameters have no names in these files.
 const UNNAMED: [LensModel; 6] = [
     LensModel::ThinPrismFisheye,
@@ -51,6 +54,12 @@ const UNNAMED: [LensModel; 6] = [
     LensModel::Division,
     LensModel::Eucm,
 ];
+
+/// The names of the models that these files can give, for messages.
+pub(super) fn models() -> String {
+    let named = LensModel::ALL.into_iter().filter(|model| !UNNAMED.contains(model));
+    named.map(LensModel::name).collect::<Vec<_>>().join(", ")
+}
 
 pub(super) enum LensFault {
     Model(String),
@@ -108,6 +117,7 @@ impl Intrinsics {
             p2: self.p2.or(common.p2),
             camera_model: self.camera_model.clone().or_else(|| common.camera_model.clone()),
             is_fisheye: self.is_fisheye.or(common.is_fisheye),
+            distortion_params: self.distortion_params.clone().or_else(|| common.distortion_params.clone()),
             ..Self::default()
         }
     }
@@ -118,7 +128,20 @@ impl Intrinsics {
         Some((whole(self.w?), whole(self.h?)))
     }
 
+    /// True if it says both that the lens is a fisheye and that it is none.
+    pub fn contradicts_itself(&self) -> bool {
+        let named = self.camera_model.as_deref().and_then(|name| LensModel::from_name(&name.to_uppercase()));
+        let straight = |model: LensModel| !model.is_fisheye() && model != LensModel::Equirectangular;
+        self.is_fisheye == Some(true) && named.is_some_and(straight)
+    }
+
     pub fn lens(&self, width: u32, height: u32) -> Result<Lens, LensFault> {
+        if let Some(other) = self.distortion_params.as_ref().filter(|numbers| !matches!(numbers.len(), 0 | 6)) {
+            let (count, names) = (other.len(), "k1, k2, k3, k4, p1 and p2");
+            let what =
+                format!("its distortion_params has {count} numbers, not the six {names}: write them under these names");
+            return Err(LensFault::Other(what));
+        }
         let model = match self.camera_model.as_deref() {
             None if self.is_fisheye == Some(true) => LensModel::OpenCvFisheye,
             None => LensModel::OpenCv,
@@ -159,6 +182,14 @@ impl Intrinsics {
         let (Some(fx), Some(fy)) = (fx.or(fy), fy) else {
             return Err(LensFault::Other("gives neither fl_x nor camera_angle_x; add one".to_owned()));
         };
+        for (name, focal, side, of) in [("fl_x", self.fl_x, width, "w"), ("fl_y", self.fl_y, height, "h")] {
+            if let Some(focal) = focal.filter(|focal| *focal > 0.0 && *focal < SHARE * f64::from(side)) {
+                return Err(LensFault::Other(format!(
+                    "its {name} {focal} is no focal length in pixels of a photo of {width} x {height}: multiply shares of \
+                     the photo's size by {of}"
+                )));
+            }
+        }
         let principal = DVec2::new(self.cx.unwrap_or(0.5 * size.x), self.cy.unwrap_or(0.5 * size.y));
         let model = if distortion == Distortion::default() { LensModel::Pinhole } else { model };
         let lens = Lens { model, width, height, focal: DVec2::new(fx, fy), principal, distortion };

@@ -83,6 +83,10 @@ struct Reader<'a> {
     folders: Folders,
     /// Frames that the file itself calls bad.
     bad_frames: usize,
+    /// Frames of a rolling shutter, which have a second pose.
+    moving_frames: usize,
+    /// Frames that are called a fisheye's and have another camera model.
+    called_fisheye: usize,
 }
 
 /// Reads the transforms file `path` of the scene at `root`, for Blender with its companion files. Photos that are not there are
@@ -100,6 +104,8 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
         masks: HashMap::new(),
         folders: Folders::default(),
         bad_frames: 0,
+        moving_frames: 0,
+        called_fisheye: 0,
     };
     let mut points = Vec::new();
     let sisters = [
@@ -127,12 +133,20 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
         }
         SceneKind::Transforms
     };
-    let Reader { views, mut skipped, masks, images, bad_frames, .. } = reader;
-    if bad_frames > 0 {
-        skipped.notes.push(format!("{} that the file calls bad (is_bad)", counted(bad_frames, "frame")));
+    let Reader { views, mut skipped, masks, images, bad_frames, moving_frames, called_fisheye, .. } = reader;
+    for (count, what) in [
+        (bad_frames, "that the file calls bad (is_bad)"),
+        (moving_frames, "with a pose at the end of the exposure (transform_matrix_end), which is not used"),
+        (called_fisheye, "with is_fisheye and a camera_model that is none, which counts"),
+    ] {
+        skipped.notes.extend((count > 0).then(|| format!("{} {what}", counted(count, "frame"))));
+    }
+    let train = files::child(root, "transforms_train.json");
+    if kind == SceneKind::Transforms && train.is_file() && train != path {
+        skipped.notes.push(format!("the poses in {} are used, not those in {}", path.display(), train.display()));
     }
     if points.is_empty() {
-        points = clouds::beside(std::iter::empty(), root, &mut skipped);
+        points = clouds::beside(&[root], &mut skipped);
     }
     skipped.notes.extend(masks.values().filter_map(Masks::doubt));
     let photos = images.is_none().then(|| files::child(root, "images")).filter(|folder| folder.is_dir());
@@ -205,12 +219,14 @@ impl Reader<'_> {
             self.skipped.bad_poses.add(&name);
             return Ok(());
         }
+        self.moving_frames += usize::from(json.get("transform_matrix_end").is_some_and(|end| !end.is_null()));
         let Some(mut rows) = frame.rows().filter(|_| !name.is_empty()) else {
             return Err(wrong(&record, "needs a file_path and a transform_matrix of 4 x 4 numbers".to_owned()));
         };
         pose::divide(&mut rows).map_err(|what| wrong(&record, what))?;
         let usual = self.usual(&name);
         let intrinsics = own.over(common);
+        self.called_fisheye += usize::from(intrinsics.contradicts_itself());
         let size = match intrinsics.size() {
             Some(size) => Some(size),
             None => files::photo_size(&usual),
@@ -224,7 +240,7 @@ impl Reader<'_> {
         let lens = match intrinsics.lens(width, height) {
             Ok(lens) => lens,
             Err(LensFault::Model(model)) => {
-                return Err(Error::UnknownModel { path: path.to_owned(), record, model });
+                return Err(Error::UnknownModel { path: path.to_owned(), record, model, known: intrinsics::models() });
             }
             Err(LensFault::Other(what)) => return Err(wrong(&record, what)),
         };

@@ -1,0 +1,66 @@
+//! Depth maps of photos, in a folder of their own.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::files::{Folders, appended};
+use super::names::{belongs_to, has_owner, key, last};
+use crate::wording::counted;
+
+/// Extensions of depth maps; `render --depth` writes the first.
+const EXTENSIONS: [&str; 7] = ["depth.npy", "npy", "depth.png", "png", "exr", "tif", "tiff"];
+
+/// The depth maps in a folder.
+pub(super) struct DepthMaps {
+    folder: PathBuf,
+    folders: Folders,
+    /// The files in it that say whose they are, with the keys of the photos that may be meant.
+    owned: Vec<(Vec<String>, PathBuf)>,
+    /// All its files.
+    files: Vec<PathBuf>,
+}
+
+impl DepthMaps {
+    pub fn of(folder: &Path) -> Self {
+        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut files: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_file()).collect();
+        files.sort();
+        let is_map = |path: &&PathBuf| {
+            path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
+        };
+        let owners = |path: &PathBuf| {
+            // All are files of numbers without loss, as PNG is.
+            let name = path.with_extension("png").file_name()?.to_string_lossy().into_owned();
+            Some((belongs_to(&name, true), path.clone())).filter(|(owners, _)| !owners.is_empty())
+        };
+        let owned = files.iter().filter(is_map).filter_map(owners).collect();
+        Self { folder: folder.to_owned(), folders: Folders::default(), owned, files }
+    }
+
+    /// The map of a photo: with its name, or that of its file alone, and an extension of depth maps in place of its own or
+    /// after it, in any case; otherwise the only one that names it, as a_depth.npy and depth_0001.npy do.
+    pub fn find(&mut self, name: &str) -> Option<PathBuf> {
+        let bases = [name, last(name)].map(|name| self.folder.join(name));
+        let candidates = bases.iter().flat_map(|base| {
+            EXTENSIONS.iter().flat_map(move |extension| [base.with_extension(extension), appended(base, extension)])
+        });
+        let candidates: Vec<PathBuf> = candidates.chain(bases.iter().cloned()).collect();
+        let named = candidates.iter().find(|path| path.is_file()).cloned();
+        named.or_else(|| candidates.iter().find_map(|path| self.folders.same(path))).or_else(|| {
+            let photo = [key(last(name))];
+            let mut owned = self.owned.iter().filter(|(owners, _)| has_owner(owners, &photo));
+            owned.next().filter(|_| owned.next().is_none()).map(|(_, path)| path.clone())
+        })
+    }
+
+    /// A note on a folder none of whose files is a photo's.
+    pub fn doubt(&self) -> String {
+        let (folder, number) = (self.folder.display(), counted(self.files.len(), "file"));
+        let such = self.files.first().and_then(|path| path.file_name()).unwrap_or_default().to_string_lossy();
+        if self.files.is_empty() {
+            format!("no depth map used: {folder} holds no files")
+        } else {
+            format!("no depth map used: {folder} holds {number} such as {such}, none a depth map with a photo's name")
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! What a path holds instead of a capture, and how it becomes one.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::files::child;
+use super::kinds::{is_archive_name, is_unstitched_name, is_video_name};
+use super::names::is_result;
+use super::tree::{PhotoTree, unread};
+
+const UNSTITCHED: &str =
+    "a 360° camera's own file: export it as an equirectangular video, and give that with --panoramas";
+
+/// What is there instead of photos or poses, with the remedy: of a file, what it is; of a folder, photos that are not read, a video or an
+/// archive.
+pub fn instead(path: &Path) -> Option<String> {
+    if path.is_file() { of_file(path) } else { of_folder(path) }
+}
+
+fn of_file(path: &Path) -> Option<String> {
+    if is_archive_name(path) {
+        Some("it is an archive: unpack it and give its folder".to_owned())
+    } else if is_unstitched_name(path) {
+        Some(format!("it is {UNSTITCHED}"))
+    } else if is_video_name(path) {
+        Some("it is a video, without poses: `run` and `pose` take it and estimate them".to_owned())
+    } else {
+        super::foreign::file(path)
+    }
+}
+
+fn of_folder(folder: &Path) -> Option<String> {
+    if is_result(folder) {
+        return None;
+    }
+    let places = ["images", "input"].map(|name| child(folder, name));
+    let places: Vec<PathBuf> = places.into_iter().chain([folder.to_owned()]).collect();
+    if let Some(photos) = places.iter().find_map(|place| unread(&PhotoTree::of(place).unread)) {
+        return Some(format!("it holds {photos}"));
+    }
+    let mut files: Vec<PathBuf> = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
+    files.sort();
+    let first = |is: fn(&Path) -> bool| files.iter().find(|path| path.is_file() && is(path));
+    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    if let Some(video) = first(is_video_name) {
+        return Some(format!("it holds no photos, but a video: give `run` or `pose` {}", video.display()));
+    }
+    if let Some(file) = first(is_unstitched_name) {
+        return Some(format!("it holds {}, {UNSTITCHED}", name(file)));
+    }
+    first(is_archive_name).map(|archive| format!("it holds an archive: unpack {}", name(archive)))
+}
