@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::wording::counted;
+
 /// Errors of opening a scene and of loading its photos; each message names the cause.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "fields are parts of the message")]
@@ -26,7 +28,7 @@ pub enum Error {
     #[error("{path}, {record}: camera model {model} is not supported; known are {known}")]
     UnknownModel { path: PathBuf, record: String, model: String, known: String },
     /// The folder holds photos, but no camera poses.
-    #[error("{images} has {photos} photos, but {root} has no camera poses{beside}")]
+    #[error("{images} has {}, but {root} has no camera poses{beside}", counted(*photos, "photo"))]
     NoPoses {
         root: PathBuf,
         images: PathBuf,

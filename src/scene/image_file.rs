@@ -28,12 +28,14 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
         return Err(Error::photo(path, "is text, perhaps a web page: download the photo again"));
     }
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| Error::io(path, e))?;
+    let is_known = reader.format().is_some();
     let decoded = reader.decode().map_err(|e| {
-        if matches!(e, image::ImageError::Unsupported(_)) {
+        if is_known && matches!(e, image::ImageError::Unsupported(_)) {
             let convert = "convert it, with ImageMagick by `magick mogrify -format png`";
             return Error::unread(path, format!("is in an encoding that is not read ({e}): {convert}"));
         }
-        Error::photo(path, format!("cannot be decoded: {e}; copy it again"))
+        let told = if is_known { e.to_string() } else { "it begins as no picture does".to_owned() };
+        Error::photo(path, format!("cannot be decoded: {told}; copy it again"))
     })?;
     if decoded.width() == 0 || decoded.height() == 0 {
         return Err(Error::photo(path, "has no pixels"));

@@ -85,15 +85,12 @@ pub struct Skipped {
 }
 
 impl Skipped {
-    /// Counts a view whose photo cannot be loaded, for this cause; the first cause of those that are not read is told.
+    /// Counts a view whose photo cannot be loaded, for this cause; the first cause is told.
     pub(crate) fn add_failed(&mut self, view: &View, error: &Error) {
-        if !matches!(error, Error::Unread { .. }) {
-            return self.damaged_images.add_photo(view);
-        }
-        if self.unread_images.count == 0 {
-            self.notes.push(error.to_string());
-        }
-        self.unread_images.add_photo(view);
+        let is_unread = matches!(error, Error::Unread { .. });
+        let names = if is_unread { &mut self.unread_images } else { &mut self.damaged_images };
+        self.notes.extend((names.count == 0).then(|| error.to_string()));
+        names.add_photo(view);
     }
 
     /// A phrase for each kind of part left out, then the notes; none if everything was used.

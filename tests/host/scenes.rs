@@ -1,7 +1,10 @@
 //! Scenes: formats, folders, splits, photos and errors, on small scenes written here.
 
+mod absent;
+mod clouds;
 mod damage;
 mod dialects;
+mod instead;
 mod leftovers;
 mod lens;
 mod panorama;

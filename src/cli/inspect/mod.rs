@@ -5,9 +5,12 @@ mod scene;
 
 use super::console::Console;
 use super::values;
-use crate::gaussians::formats::{self, Loaded};
+use crate::gaussians::{
+    self,
+    formats::{self, Loaded},
+};
 use crate::job::Error;
-use crate::scene::{OpenOptions, Scene};
+use crate::scene::{OpenOptions, Scene, instead};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -99,7 +102,12 @@ fn read(path: &Path) -> Result<Loaded, Error> {
     if !data.is_file() && !data.is_dir() {
         return Err(Error::Usage(format!("{} is neither a file nor a folder; save the model first", path.display())));
     }
-    Ok(formats::read(path)?)
+    formats::read(path).map_err(|error| match (error, instead(path)) {
+        (gaussians::Error::Unsupported { .. }, Some(what)) if data.is_file() => {
+            crate::scene::Error::Instead { path: path.to_owned(), what }.into()
+        }
+        (error, _) => error.into(),
+    })
 }
 
 /// Reads a model and warns of repairs.

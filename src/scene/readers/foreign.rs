@@ -104,8 +104,10 @@ fn beginning(path: &Path) -> String {
 pub(super) fn file(path: &Path) -> Option<String> {
     let format = FOREIGN.iter().find(|format| format.is_of(path))?;
     // A transforms file may have any name.
-    let is_transforms = || beginning(path).contains("\"transform_matrix\"") || beginning(path).contains("\"fl_x\"");
-    (!is_transforms()).then(|| format.told("this file, "))
+    let named = path.file_name().is_some_and(|name| name.to_string_lossy().to_lowercase().starts_with("transforms"));
+    let begins = beginning(path);
+    let is_transforms = named || ["\"transform_matrix\"", "\"fl_x\""].iter().any(|field| begins.contains(field));
+    (!is_transforms).then(|| format.told("this file, "))
 }
 
 /// A clause on the files in a folder, or beside its photos, that may hold poses and are not read; empty if there are none.

@@ -8,7 +8,7 @@ pub(super) const EXTENSIONS: [&str; 16] = [
     "jfif",
 ];
 /// Extensions, in lower case, of photos that are not read, and their formats.
-const UNREAD: [(&str, &str); 38] = [
+const UNREAD: [(&str, &str); 37] = [
     ("heic", "HEIC"),
     ("heif", "HEIC"),
     ("hif", "HEIC"),
@@ -24,7 +24,6 @@ const UNREAD: [(&str, &str); 38] = [
     ("ppm", "PNM"),
     ("pgm", "PNM"),
     ("pnm", "PNM"),
-    ("pfm", "PFM"),
     ("mpo", "MPO"),
     ("hdr", "HDR"),
     ("psd", "PSD"),

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::files::appended;
 use super::kinds::is_photo_name;
 use super::names::{belongs_to, key, last};
-use super::tree::{is_map_folder, is_mask_folder};
+use super::tree::{PhotoTree, is_map_folder, is_mask_folder};
 use crate::scene::image_file::{color_type, hides_where_white};
 use crate::wording::counted;
 use image::ColorType;
@@ -120,9 +120,9 @@ impl Index {
         }
         for (name, path) in files(images) {
             index.add(belongs_to(&name, false), &path);
-            if masks.is_none_or(|masks| !path.starts_with(masks)) {
-                *index.photos.entry(last(&key(&name)).to_owned()).or_default() += 1;
-            }
+        }
+        for name in PhotoTree::whole(images).names {
+            *index.photos.entry(last(&key(&name)).to_owned()).or_default() += 1;
         }
         index
     }

@@ -179,6 +179,8 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
 
 /// Finds the depth maps of views in a folder; one that may be that of several photos is none's.
 fn find_depths(folder: &Path, views: &mut [ListedView], skipped: &mut Skipped) {
+    // These replace those that the capture names.
+    skipped.missing_depths = Names::default();
     let mut maps = depths::DepthMaps::of(folder);
     let found: Vec<Option<PathBuf>> = views.iter().map(|view| maps.find(&view.name)).collect();
     let mut used: HashMap<&PathBuf, usize> = HashMap::new();

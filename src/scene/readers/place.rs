@@ -40,17 +40,16 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
     std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
     let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let nothing = |root: &Path, beside| match instead(path) {
+    let nothing = |beside| match instead(path) {
         Some(what) => Error::Instead { path: path.to_owned(), what },
-        None => Error::NoScene { root: root.to_owned(), looked_for: LOOKED_FOR, beside },
+        None => Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR, beside },
     };
     if path.is_file() && !is_part(path) {
-        let transforms = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) && instead(path).is_none();
-        return if transforms {
-            Ok(Place::of(folder, Poses::Transforms(path.to_owned())))
-        } else {
-            Err(nothing(path, String::new()))
-        };
+        let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+        if is_json && instead(path).is_none() {
+            return Ok(Place::of(folder, Poses::Transforms(path.to_owned())));
+        }
+        return Err(nothing(String::new()));
     }
     if let Some(place) = here(folder, options) {
         return Ok(place);
@@ -75,7 +74,7 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
             let (photos, beside) = (tree.names.len(), beside + &unread);
             Err(Error::NoPoses { root: folder.to_owned(), images, photos, beside })
         }
-        None => Err(nothing(path, beside)),
+        None => Err(nothing(beside)),
     }
 }
 

@@ -86,6 +86,9 @@ impl PhotoTree {
             tree.unread.extend(unread.into_iter().filter(|name| !read.contains(&key(name))));
             tree.add(photos);
         }
+        if !tree.names.iter().all(|name| is_product(name)) {
+            tree.aside.extend(tree.names.extract_if(.., |name| is_product(name)));
+        }
         tree.drop_copies();
         tree.names.sort();
         tree.left_out.sort();
@@ -97,11 +100,10 @@ impl PhotoTree {
     /// Adds the photos of one folder, and sets aside what belongs to one of them.
     fn add(&mut self, files: Vec<String>) {
         let owners: Vec<Vec<String>> = files.iter().map(|file| belongs_to(file, true)).collect();
-        let own = files.iter().zip(&owners).filter(|(file, owners)| owners.is_empty() && !is_product(file));
+        let own = files.iter().zip(&owners).filter(|(_, owners)| owners.is_empty());
         let photos: Vec<String> = own.map(|(file, _)| key(file)).collect();
         for (file, owners) in files.into_iter().zip(owners) {
-            let is_aside = has_owner(&owners, &photos) || is_product(&file) && !photos.is_empty();
-            let to = if is_aside { &mut self.aside } else { &mut self.names };
+            let to = if has_owner(&owners, &photos) { &mut self.aside } else { &mut self.names };
             to.push(file);
         }
     }

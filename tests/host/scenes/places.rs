@@ -162,17 +162,16 @@ fn poses_in_other_formats_are_named() {
     let plain = refused(folder.path());
     assert!(plain.ends_with("has no camera poses"), "{plain}");
     for (file, program) in [
-        ("cameras.xml", "Metashape"),
+        ("cameras.psx", "Metashape"),
         ("Scan.SFM", "Meshroom"),
         ("reconstruction.json", "OpenSfM"),
         ("database.db", "COLMAP, without a model"),
         ("poses_bounds.npy", "LLFF"),
         ("bundle.out", "Bundler"),
         ("x.nvm", "VisualSFM"),
-        ("registration.csv", "RealityScan"),
     ] {
         let path = folder.path().join(file);
-        fs::write(&path, b"x").unwrap();
+        fs::write(&path, b"NVM_V3\n# Bundle file v0.3\n").unwrap();
         let told = refused(folder.path());
         assert!(told.contains(&format!("perhaps of {program}, is not read: ")), "{told}");
         fs::remove_file(path).unwrap();

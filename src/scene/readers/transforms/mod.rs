@@ -137,7 +137,7 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     for (count, what) in [
         (bad_frames, "that the file calls bad (is_bad)"),
         (moving_frames, "with a pose at the end of the exposure (transform_matrix_end), which is not used"),
-        (called_fisheye, "with is_fisheye and a camera_model that is none, which counts"),
+        (called_fisheye, "whose is_fisheye contradicts their camera_model, which counts"),
     ] {
         skipped.notes.extend((count > 0).then(|| format!("{} {what}", counted(count, "frame"))));
     }

@@ -1,0 +1,213 @@
+//! Photos that are absent, or that lie where their capture does not say: what is found for them, and what never is.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use super::dialects::{notes, open};
+use super::traps::grey;
+use crate::support::files::writers::{picture, row, transforms, write, written};
+use qirf_vk::effects::Overrides;
+use qirf_vk::job::Error;
+use qirf_vk::job::config::Selection;
+use qirf_vk::job::watcher::Silent;
+use qirf_vk::pipeline::prepare;
+use qirf_vk::scene::{LoadOptions, OpenOptions, PhotoMemory, PhotoTree, Scene, masks_of, photo_folder};
+
+const NAMES: [&str; 3] = ["a.png", "b.png", "c.png"];
+const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
+
+/// Two captures of the photos `NAMES` with these pictures: of COLMAP, and a transforms.json that lists bare names.
+fn captures(files: &[&str]) -> [tempfile::TempDir; 2] {
+    let colmap = tempfile::tempdir().unwrap();
+    write(&colmap.path().join("sparse/0"), row(&NAMES).text());
+    let other = written([("transforms.json", transforms(TOP, &NAMES))]);
+    for root in [colmap.path(), other.path()] {
+        for file in files {
+            picture(&root.join(file), 64, 48);
+        }
+    }
+    [colmap, other]
+}
+
+/// The photos found, by their paths within the capture.
+fn found(root: &Path) -> Vec<String> {
+    let files = open(root).views.into_iter().filter(|view| view.image.is_file());
+    files.map(|view| view.image.strip_prefix(root).unwrap().to_string_lossy().replace('\\', "/")).collect()
+}
+
+#[test]
+fn masks_maps_and_thumbnails_never_stand_for_photos() {
+    for (files, there) in [
+        (&["masks/a.png", "masks/b.png", "masks/c.png"][..], &[][..]),
+        (&["depth/a.png", "depth/b.png", "depth/c.png"], &[]),
+        (&["images/thumbs/a.png", "images/thumbs/b.png", "images/c.png"], &["images/c.png"]),
+        (&["images/a.png", "images/b.png", "images/masks/c.png"], &["images/a.png", "images/b.png"]),
+        (&["images/a.png", "images/b.png", "images/depth/c.png"], &["images/a.png", "images/b.png"]),
+        (&["images/a.png", "images/b.png", "masks/c.png"], &["images/a.png", "images/b.png"]),
+        (&["a.png", "b.png", "depth/c.png", "masks/c.png"], &["a.png", "b.png"]),
+    ] {
+        for capture in captures(files) {
+            assert_eq!(found(capture.path()), there, "{files:?}");
+            let mut scene = open(capture.path());
+            assert_eq!(scene.require_photos().is_ok(), !there.is_empty());
+            assert_eq!(scene.skipped.missing_images.count, 3 - there.len(), "{files:?}");
+        }
+    }
+}
+
+#[test]
+fn photos_are_found_beside_masks_maps_and_copies() {
+    let within = |folder: &str| NAMES.map(|name| format!("{folder}/{name}"));
+    for (folder, others) in [
+        ("frames", &["masks"][..]),
+        ("frames", &["depth"]),
+        ("images", &["masks", "depth"]),
+        ("images", &["images_2", "depth"]),
+        ("images", &["images_2", "images_4", "undistorted"]),
+        ("images_4", &["masks"]),
+        ("images_2", &["images_4", "images_8"]),
+        ("frames", &["images_4"]),
+    ] {
+        let files: Vec<String> = [folder].iter().chain(others).flat_map(|folder| within(folder)).collect();
+        let files: Vec<&str> = files.iter().map(String::as_str).collect();
+        for (capture, colmap) in captures(&files).into_iter().zip([true, false]) {
+            if (folder, colmap) == ("frames", false) && others.contains(&"images_4") {
+                continue; // bare names say nothing of either folder
+            }
+            assert_eq!(found(capture.path()), within(folder), "{folder} beside {others:?}");
+            let masks = open(capture.path()).views.iter().filter(|view| view.mask.is_some()).count();
+            assert_eq!(masks, if others.contains(&"masks") { 3 } else { 0 }, "{folder} beside {others:?}");
+            let told = notes(&open(capture.path())).contains("the photos are those of");
+            assert_eq!(told, colmap && folder != "images", "{folder}");
+        }
+    }
+    // Names without an extension, as of Blender.
+    let capture = written([("transforms.json", transforms(TOP, &["a", "b", "c"]))]);
+    for file in ["images", "images_2", "images_4"].iter().flat_map(|folder| within(folder)) {
+        picture(&capture.path().join(file), 64, 48);
+    }
+    assert_eq!(found(capture.path()), within("images"));
+}
+
+/// The remedy that errors and notes name, `magick mogrify -format jpg`, leaves the original.
+#[test]
+fn a_converted_photo_replaces_its_original_that_is_not_read() {
+    for extension in ["bmp", "gif", "tga", "HEIC", "jp2", "ppm"] {
+        for keep in [true, false] {
+            let listed = format!("a.{extension}");
+            let colmap = tempfile::tempdir().unwrap();
+            write(&colmap.path().join("sparse/0"), row(&[&listed]).text());
+            let json = transforms(TOP, &[&format!("images/{listed}")]);
+            let other = written([("transforms.json", json)]);
+            for root in [colmap.path(), other.path()] {
+                picture(&root.join("images/a.jpg"), 64, 48);
+                if keep {
+                    fs::write(root.join("images").join(&listed), b"x").unwrap();
+                }
+                assert_eq!(found(root), ["images/a.jpg"], "{listed}, kept: {keep}");
+                assert_eq!(notes(&open(root)), "", "{listed}");
+            }
+        }
+    }
+}
+
+#[test]
+fn photos_that_are_not_read_are_told_from_damaged_ones() {
+    let [capture, _] = captures(&["images/a.png"]);
+    let images = capture.path().join("images");
+    fs::write(images.join("b.png"), b"\0\0\0\x18ftypheic").unwrap();
+    fs::write(images.join("c.png"), b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n").unwrap();
+    let mut scene = open(capture.path());
+    assert_eq!(scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap().len(), 1);
+    assert_eq!((scene.skipped.unread_images.count, scene.skipped.damaged_images.count), (2, 0));
+    assert!(notes(&scene).contains("2 photos not read (b.png, c.png)"), "{}", notes(&scene));
+    assert!(notes(&scene).contains("is HEIC or a video, which is not read: convert it"), "{}", notes(&scene));
+    for (bytes, told) in [
+        (&b"version https://git-lfs.github.com/spec/v1\n"[..], "run `git lfs pull`"),
+        (b"<!DOCTYPE html><html>", "perhaps a web page: download the photo again"),
+        (b"", "is empty: copy it again"),
+    ] {
+        fs::write(images.join("b.png"), bytes).unwrap();
+        let error = open(capture.path()).views[1].load_photo(qirf_vk::scene::Resize::Full).unwrap_err().to_string();
+        assert!(error.contains(told) && !error.contains("magick"), "{error}");
+    }
+    // So are the capture's own files.
+    fs::write(capture.path().join("sparse/0/images.txt"), b"version https://git-lfs.github.com/spec/v1\n").unwrap();
+    let error = Scene::open(capture.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("images.txt") && error.contains("git lfs pull"), "{error}");
+}
+
+#[test]
+fn exports_of_apps_hold_photos_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames = ["frame_00000.jpg", "frame_00001.jpg"];
+    for file in frames.iter().chain(&["thumb_00.jpg", "thumb_01.jpg", "textured_output.jpg", "thumbnail.jpg"]) {
+        picture(&folder.path().join(file), 8, 6);
+    }
+    assert_eq!(PhotoTree::of(folder.path()).names, frames);
+    assert_eq!(PhotoTree::of(folder.path()).aside.len(), 4);
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["images/1.jpg", "corrected_images/1.jpg"] {
+        picture(&folder.path().join(file), 8, 6);
+    }
+    assert_eq!(photo_folder(folder.path(), None), Some(folder.path().join("corrected_images")));
+}
+
+#[test]
+fn depth_maps_may_say_whose_they_are() {
+    let [capture, _] = captures(&["images/a.png", "images/b.png", "images/c.png"]);
+    let with = |folder: &str| {
+        let options = OpenOptions { depth: Some(folder.into()), ..OpenOptions::default() };
+        Scene::open(capture.path(), &options).unwrap()
+    };
+    write(&capture.path().join("one"), [("a_depth.npy", b"x".to_vec()), ("depth_b.npy", b"x".to_vec())]);
+    let scene = with("one");
+    assert_eq!(scene.views.iter().map(|view| view.depth.is_some()).collect::<Vec<_>>(), [true, true, false]);
+    assert_eq!(scene.skipped.missing_depths.examples, ["c.png"]);
+    write(&capture.path().join("two"), [("other.npy", b"x".to_vec())]);
+    let scene = with("two");
+    assert_eq!(scene.skipped.missing_depths.count, 0);
+    assert!(notes(&scene).contains("holds 1 file such as other.npy, none a depth map with"), "{}", notes(&scene));
+    assert_eq!(masks_of(&capture.path().join("images"))("a.png"), None);
+}
+
+/// Masks of 16 bits whose numbers are those of 8 bits or less.
+#[test]
+fn masks_of_16_bits_count_by_their_own_numbers() {
+    for (value, shown) in [(1, 255), (100, 255), (255, 255), (256, 255), (1000, 255), (32_768, 255), (65_535, 255)] {
+        let [capture, _] = captures(&["images/a.png"]);
+        let mask = image::ImageBuffer::from_fn(64, 48, |x, _| image::Luma([if x < 16 { 0_u16 } else { value }]));
+        fs::create_dir_all(capture.path().join("masks")).unwrap();
+        image::DynamicImage::ImageLuma16(mask).save(capture.path().join("masks/a.png")).unwrap();
+        let mut scene = open(capture.path());
+        scene.require_photos().unwrap();
+        let photos = scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+        let fourth = |x: usize| photos[0].pixels.at(x).unwrap()[3];
+        assert_eq!((fourth(15), fourth(16)), (0, shown), "{value}");
+    }
+    // Masks that hide everything leave nothing to train on.
+    let [capture, _] = captures(&["images/a.png", "images/b.png", "images/c.png"]);
+    for name in ["masks/b.png", "masks/c.png"] {
+        grey(&capture.path().join(name), |_| [0, 255]);
+    }
+    let selection = Selection {
+        scene: capture.path().to_owned(),
+        images: None,
+        resolution: None,
+        pole_mask: 0.0,
+        depth: None,
+        eval_every: 8,
+        background: None,
+        effects: Overrides::default(),
+        contents: BTreeMap::new(),
+    };
+    let train = || prepare::open(&selection).unwrap().load_to_train(PhotoMemory::default(), &Silent).map(|_| ());
+    assert!(matches!(train(), Err(Error::AllHidden(_))));
+    grey(&capture.path().join("masks/c.png"), |x| [if x == 0 { 255 } else { 0 }, 255]);
+    assert!(train().is_ok());
+    let [capture, _] = captures(&["images/a.png"]);
+    grey(&capture.path().join("masks/a.png"), |x| [if x < 16 { 100 } else { 200 }, 255]);
+    let photos = open(capture.path()).load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+    assert_eq!(photos[0].pixels.at(0).unwrap()[3], 127);
+}

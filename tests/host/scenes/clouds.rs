@@ -1,0 +1,57 @@
+//! Point clouds beside a capture's cameras.
+
+use std::fs;
+
+use super::dialects::{capture, notes, open};
+use crate::support::files::writers::{transforms, write, written};
+
+const NAMES: [&str; 2] = ["a.png", "b.png"];
+
+const CLOUD: &str = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+                     property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n1 2 4 4 5 6\n1 3 3 4 5 6\n";
+
+#[test]
+fn clouds_beside_cameras_are_read() {
+    for place in [
+        "sparse/0/points3D.ply",
+        "sparse/0/points3d.ply",
+        "sparse/0/Points3D.PLY",
+        "sparse/0/points.ply",
+        "sparse/points.ply",
+        "points3D.ply",
+        "Sparse_PC.ply",
+        "pointcloud.PLY",
+        "input.ply",
+    ] {
+        let scene = capture(&NAMES, &NAMES);
+        fs::remove_file(scene.path().join("sparse/0/points3D.txt")).unwrap();
+        write(scene.path(), [(place, CLOUD.as_bytes().to_vec())]);
+        assert_eq!(open(scene.path()).points.len(), 3, "{place}");
+    }
+    let scene = capture(&NAMES, &NAMES);
+    fs::remove_file(scene.path().join("sparse/0/points3D.txt")).unwrap();
+    write(scene.path(), [("sparse/0/scene.ply", CLOUD.as_bytes().to_vec())]);
+    assert!(notes(&open(scene.path())).contains("scene.ply holds them, name it points3D.ply"));
+    // The model's own points come first.
+    let scene = capture(&NAMES, &NAMES);
+    write(scene.path(), [("points3D.ply", CLOUD.as_bytes().to_vec())]);
+    assert_eq!(open(scene.path()).points.len(), 1);
+    let top = r#""camera_angle_x": 1.0, "w": 64, "h": 48"#;
+    let blender = written([("transforms_train.json", transforms(top, &["a"])), ("points3d.ply", CLOUD.into())]);
+    assert_eq!(open(blender.path()).points.len(), 3);
+    let top = r#""fl_x": 50, "w": 64, "h": 48, "ply_file_path": "sparse_pc.ply""#;
+    let scene = written([("transforms.json", transforms(top, &["a.png"]))]);
+    assert!(notes(&open(scene.path())).contains("sparse_pc.ply, named by ply_file_path, does not exist"));
+}
+
+#[test]
+fn normals_of_clouds_are_read() {
+    let head = CLOUD.replace("end_header\n", "property float nx\nproperty float ny\nproperty float nz\nend_header\n");
+    let rows = head.replace("4 5 6\n", "4 5 6 0 0 -2\n");
+    let rows = rows.replacen("0 0 -2", "0 0 0", 1).replacen("0 0 -2", "nan 0 0", 1); // a model's, and no direction
+    let scene = capture(&NAMES, &NAMES);
+    fs::remove_file(scene.path().join("sparse/0/points3D.txt")).unwrap();
+    write(scene.path(), [("points3D.ply", rows.into_bytes())]);
+    let normals: Vec<_> = open(scene.path()).points.iter().map(|point| point.normal).collect();
+    assert_eq!(normals, [None, None, Some(glam::DVec3::NEG_Z)]);
+}

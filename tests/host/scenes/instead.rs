@@ -1,0 +1,168 @@
+//! Paths that hold no capture that is read: each error names what is there, and what to do.
+
+use std::fs;
+use std::path::Path;
+
+use super::dialects::{notes, open};
+use crate::support::files::writers::{picture, row, transforms, write, written};
+use qirf_vk::scene::{OpenOptions, PhotoTree, Role, Scene, instead};
+
+const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
+
+fn refused(path: &Path) -> String {
+    Scene::open(path, &OpenOptions::default()).unwrap_err().to_string()
+}
+
+#[test]
+fn photos_videos_and_archives_are_told_with_their_remedy() {
+    for (files, told) in [
+        (&["b.heic", "a.HEIC"][..], "it holds 2 photos in HEIC, which is not read (a.HEIC, b.heic): convert them"),
+        (&["images/a.bmp", "images/b.gif"], "it holds 2 photos in BMP and GIF, which are not read"),
+        (&["a.mp4"], "it holds no photos, but a video: give `run` or `pose` "),
+        (&["a.wmv"], "it holds no photos, but a video"),
+        (&["a.insv"], "it holds a.insv, a 360° camera's own file: export it as an equirectangular video"),
+        (&["cap.zip"], "it holds an archive: unpack cap.zip"),
+    ] {
+        let folder = written(files.iter().map(|file| (*file, b"x".to_vec())));
+        let error = refused(folder.path());
+        assert!(error.contains(told), "{error}");
+        assert!(instead(folder.path()).unwrap().contains(told));
+        fs::write(folder.path().join("config.toml"), "").unwrap(); // a run's folder may hold such files
+        assert_eq!(instead(folder.path()), None);
+    }
+    for (file, told) in [
+        ("cap.tar.gz", "it is an archive: unpack it and give its folder"),
+        ("images.zip", "it is an archive: unpack it and give its folder"),
+        ("a.mov", "it is a video, without poses"),
+        ("a.360", "it is a 360° camera's own file"),
+        ("reconstruction.json", "perhaps of OpenSfM, is not read: `opensfm export_colmap` converts it"),
+        ("sfm_data.json", "perhaps of OpenMVG"),
+        ("cameras.npz", "perhaps of NeuS, IDR or DTU"),
+    ] {
+        let folder = written([(file, b"[]".to_vec())]);
+        let error = refused(&folder.path().join(file));
+        assert!(error.contains(told), "{file}: {error}");
+    }
+    let mixed = written([("images/a.heic", b"x".to_vec())]);
+    picture(&mixed.path().join("images/b.png"), 8, 6);
+    assert!(refused(mixed.path()).ends_with("jpg -quality 95`"), "{}", refused(mixed.path()));
+    assert_eq!(PhotoTree::of(&mixed.path().join("images")).unread, ["a.heic"]);
+}
+
+#[test]
+fn foreign_poses_are_known_by_whole_names_and_contents() {
+    for (file, bytes, program) in [
+        ("cameras.npz", "PK", "NeuS"),
+        ("scene.out", "# Bundle file v0.3\n", "Bundler"),
+        ("sfm_data.bin", "x", "OpenMVG"),
+        ("sfm.json", "{}", "Meshroom"),
+        ("frame_00000.json", r#"{"cameraPoseARFrame": []}"#, "ARKit"),
+        ("poses.txt", "1 0 0", "KITTI"),
+        ("groundtruth.txt", "# timestamp", "TUM RGB-D"),
+        ("scene.log", "0 0 0\n1 0 0 0\n", "Tanks and Temples"),
+        ("images/a.xmp", r#"<x:xmpmeta xcr:Version="3"/>"#, "RealityScan"),
+        ("cameras.json", r#"[{"id": 0, "img_name": "a"}]"#, "a run of 3DGS"),
+        ("reg.csv", "#name,x,y,alt\n", "RealityScan"),
+        ("chunk.xml", r#"<?xml version="1.0"?><document version="2.0.0">"#, "Metashape"),
+        ("transforms_test.json", "{}", "Blender, without transforms_train.json"),
+        ("gps.csv", "time,lat,lon\n", ""),
+        ("desktop.xml", "<settings/>", ""),
+        ("all_purpose", "x", ""),
+        ("train.log", "epoch 1\n", ""),
+        ("notes.json", "{}", ""),
+    ] {
+        let folder = written([(file, bytes.into())]);
+        picture(&folder.path().join("images/a.png"), 8, 6);
+        let error = refused(folder.path());
+        assert_eq!(error.contains("perhaps of "), !program.is_empty(), "{file}: {error}");
+        assert!(error.contains(program), "{file}: {error}");
+    }
+}
+
+#[test]
+fn poses_beside_the_photos_folder_are_named() {
+    let capture = tempfile::tempdir().unwrap();
+    write(&capture.path().join("sparse/0"), row(&["a.png"]).text());
+    picture(&capture.path().join("images/a.png"), 64, 48);
+    let error = refused(&capture.path().join("images"));
+    assert!(error.ends_with(&format!("poses lie beside it: give {} to use them", capture.path().display())), "{error}");
+}
+
+#[test]
+fn models_lie_deeper_or_in_numbered_folders() {
+    for (place, told) in [("sparse/0/0", ""), ("sparse_16/0", "the poses are those of sparse_16")] {
+        let capture = tempfile::tempdir().unwrap();
+        write(&capture.path().join(place), row(&["a.png"]).text());
+        picture(&capture.path().join("images/a.png"), 64, 48);
+        assert!(open(capture.path()).views[0].image.is_file());
+        assert!(notes(&open(capture.path())).contains(told), "{}", notes(&open(capture.path())));
+    }
+    let capture = tempfile::tempdir().unwrap();
+    write(&capture.path().join("sparse_3/0"), row(&["a.png"]).text());
+    write(&capture.path().join("sparse_9/0"), row(&["a.png", "b.png"]).text());
+    assert_eq!(open(capture.path()).views.len(), 2);
+    assert!(notes(&open(capture.path())).contains("holds 2 models: "), "{}", notes(&open(capture.path())));
+}
+
+#[test]
+fn a_list_of_held_out_photos_is_used() {
+    let capture = tempfile::tempdir().unwrap();
+    write(&capture.path().join("sparse/0"), row(&["a.png", "b.png", "c.png"]).text());
+    write(&capture.path().join("sparse/0"), [("test.txt", b"b.png\n".to_vec())]);
+    let scene = open(capture.path());
+    assert_eq!(scene.views.iter().map(|v| v.role).collect::<Vec<_>>(), [Role::Train, Role::Test, Role::Train]);
+    assert!(notes(&scene).contains("1 photo held out, as "), "{}", notes(&scene));
+    write(&capture.path().join("sparse/0"), [("test.txt", b"x.png\n".to_vec())]);
+    assert!(open(capture.path()).views.iter().all(|view| view.role == Role::Unsaid));
+    assert!(notes(&open(capture.path())).contains("names no photo"));
+}
+
+#[test]
+fn intrinsics_that_would_be_ignored_are_refused_or_told() {
+    let with = |top: &str| {
+        let capture = written([("transforms.json", transforms(&format!("{TOP}{top}"), &["a.png"]))]);
+        picture(&capture.path().join("a.png"), 64, 48);
+        capture
+    };
+    for numbers in ["-0.2, 0.05, 0, 0", "-0.2, 0.05, 0, 0, 0"] {
+        let error = refused(with(&format!(r#", "distortion_params": [{numbers}]"#)).path());
+        assert!(error.contains("its distortion_params has") && error.contains("not the six k1, k2"), "{error}");
+    }
+    let shares =
+        written([("transforms.json", transforms(r#""fl_x": 1.62, "fl_y": 2.2, "w": 64, "h": 48"#, &["a.png"]))]);
+    assert!(refused(shares.path()).contains("its fl_x 1.62 is no focal length in pixels of a photo of 64 x 48"));
+    for model in ["FOV", "THIN_PRISM_FISHEYE"] {
+        let error = refused(with(&format!(r#", "camera_model": "{model}""#)).path());
+        let known = error.split_once("known are ").unwrap().1;
+        assert!(known.contains("OPENCV_FISHEYE") && !known.split(", ").any(|name| name == model), "{error}");
+    }
+    let opened = open(with(r#", "camera_model": "OPENCV", "is_fisheye": true, "k1": 0.1"#).path());
+    assert!(notes(&opened).contains("1 frame whose is_fisheye contradicts their camera_model"), "{}", notes(&opened));
+    let json = String::from_utf8(transforms(TOP, &["a.png"])).unwrap();
+    let moving = json.replace("\"transform_matrix\"", "\"transform_matrix_end\": [1], \"transform_matrix\"");
+    let moving =
+        written([("transforms.json", moving.into_bytes()), ("transforms_train.json", transforms(TOP, &["a"]))]);
+    assert!(notes(&open(moving.path())).contains("1 frame with a pose at the end of the exposure"));
+    assert!(notes(&open(moving.path())).contains("transforms.json are used, not those in "));
+}
+
+#[test]
+fn a_comment_in_another_encoding_is_no_fault() {
+    let mut files = row(&["a.png", "b.png"]).text();
+    for (_, bytes) in &mut files {
+        bytes.splice(0..0, *b"# cam\xe9ra\n");
+    }
+    assert_eq!(open(written(files.clone()).path()).views.len(), 2);
+    let at = files[1].1.windows(5).position(|w| w == b"b.png").unwrap();
+    files[1].1[at] = 0xe9;
+    let error = refused(written(files).path());
+    assert!(error.contains("is not UTF-8 text: save the file as UTF-8"), "{error}");
+    // -1 in 64 bits, and as a float.
+    for id in ["18446744073709551615", "-1.0"] {
+        let mut files = row(&["a.png"]).text();
+        let text = String::from_utf8(files[1].1.clone()).unwrap();
+        let at = text.find("a.png\n").unwrap() + "a.png\n".len();
+        files[1].1 = format!("{}1.0 2.0 {id}\n", &text[..at]).into_bytes();
+        assert_eq!(open(written(files).path()).views.len(), 1, "{id}");
+    }
+}
