@@ -35,6 +35,7 @@ mod quantile;
 mod tracks;
 mod training_set;
 
+pub use colour::exposure_by_trial;
 pub use decision::{Decision, is_on};
 pub use effect::{Effect, Trigger};
 pub use geometry::poses_by_trial;

@@ -63,9 +63,11 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
     let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
     let mut decisions = effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0;
-    if let Some(length) = trial::length(iterations, train.len()).filter(|_| untold(&decisions, Effect::Poses)) {
-        let poses = decisions.iter_mut().filter(|d| d.name == Effect::Poses);
-        poses.for_each(|d| d.evidence += &format!("; a run begins with a trial of {length} iterations that tells"));
+    if let Some(length) = trial::length(iterations, train.len()) {
+        let tried = [Effect::Exposure, Effect::Poses].map(|effect| (effect, untold(&decisions, effect)));
+        for d in decisions.iter_mut().filter(|d| tried.contains(&(d.name, true))) {
+            d.evidence += &format!("; a run begins with a trial of {length} iterations that tells");
+        }
     }
     Ok((decisions, skipped))
 }
@@ -146,14 +148,15 @@ pub fn untold(decisions: &[Decision], effect: Effect) -> bool {
     decisions.iter().any(|d| d.name == effect && !d.forced && d.measured.is_none())
 }
 
-/// Decides on poses by a trial, if nothing else told.
+/// Decides by a trial on exposures and poses, if nothing else told.
 pub fn try_out(decisions: &mut [Decision], trial: &Trial) {
-    let Some(CameraErrors { pixels, psnr, fitted_psnr, .. }) = trial.cameras.filter(CameraErrors::tells) else {
-        return;
-    };
-    if untold(decisions, Effect::Poses) {
-        let tried = effects::poses_by_trial(pixels, [psnr, fitted_psnr]);
-        decisions.iter_mut().filter(|d| d.name == Effect::Poses).for_each(|d| *d = tried.clone());
+    let exposure = trial.exposures.map(effects::exposure_by_trial);
+    let cameras = trial.cameras.filter(CameraErrors::tells);
+    let poses = cameras.map(|c| effects::poses_by_trial(c.pixels, [c.psnr, c.fitted_psnr]));
+    for tried in [exposure, poses].into_iter().flatten() {
+        if untold(decisions, tried.name) {
+            decisions.iter_mut().filter(|d| d.name == tried.name).for_each(|d| *d = tried.clone());
+        }
     }
 }
 
@@ -186,18 +189,26 @@ mod tests {
 
     #[test]
     fn a_trial_decides_only_what_nothing_else_told() {
-        let untold = Decision { on: false, measured: None, ..effects::poses_by_trial(0.0, [0.0; 2]) };
-        let on = |decision: &Decision, pixels: f64, [psnr, fitted_psnr]: [f64; 2]| {
-            let cameras = Some(CameraErrors { views: 8, pixels, psnr, fitted_psnr });
-            let mut decisions = [decision.clone()];
-            try_out(&mut decisions, &Trial { iterations: 500, cameras });
-            decisions[0].on
+        let trial = |gain: f64, pixels, psnr: f64| {
+            let cameras = Some(CameraErrors { views: 8, pixels, psnr, fitted_psnr: psnr + gain });
+            Trial { iterations: 500, exposures: Some([25.0, 25.0 + gain]), cameras }
         };
-        assert!(on(&untold, 0.5, [25.0, 25.4]));
-        assert!(!on(&untold, 0.2, [25.0, 25.4]) && !on(&untold, 0.5, [25.0, 25.2]));
-        assert!(!on(&untold, 0.5, [15.0, 15.4]), "too poor a model");
-        for told in [Decision { forced: true, ..untold.clone() }, Decision { measured: Some(0.1), ..untold.clone() }] {
-            assert!(!on(&told, 0.5, [25.0, 25.4]), "{told:?}");
+        let unknown = |decision: Decision| Decision { on: false, measured: None, ..decision };
+        let untold =
+            [effects::exposure_by_trial([0.0; 2]), effects::poses_by_trial(0.0, [0.0; 2])].map(unknown).to_vec();
+        let on = |decisions: &[Decision], trial: &Trial| {
+            let mut decisions = decisions.to_vec();
+            try_out(&mut decisions, trial);
+            [decisions[0].on, decisions[1].on]
+        };
+        assert_eq!(on(&untold, &trial(0.4, 0.5, 25.0)), [true, true]);
+        assert_eq!(on(&untold, &trial(0.4, 0.2, 25.0)), [true, false]);
+        assert_eq!(on(&untold, &trial(0.2, 0.5, 25.0)), [false, false]);
+        assert_eq!(on(&untold, &trial(0.4, 0.5, 15.0)), [true, false], "too poor a model");
+        let forced: Vec<_> = untold.iter().map(|d| Decision { forced: true, ..d.clone() }).collect();
+        let measured: Vec<_> = untold.iter().map(|d| Decision { measured: Some(0.1), ..d.clone() }).collect();
+        for told in [forced, measured] {
+            assert_eq!(on(&told, &trial(0.4, 0.5, 25.0)), [false, false], "{told:?}");
         }
     }
 

@@ -1,19 +1,22 @@
-//! Evidence on the poses of a capture whose points have no errors, from a short training ahead of the run: it withholds a few of the
-//! photos to train on, and tells how far their cameras have to move to fit its model.
+//! Evidence on exposures and poses of a capture whose points have no tracks or errors, from a short training ahead of the run. It
+//! withholds a few of the photos to train on: their scores tell whether an exposure of each photo helps, and how far their cameras have
+//! to move to fit the model tells of the poses.
 
 use super::effects::untold;
-use super::evaluate::camera_errors;
+use super::evaluate::{Evaluator, camera_errors, mean};
 use super::pair_capacity;
 use super::prepare::Prepared;
 use super::start::{Start, initialise};
-use crate::effects::{Decision, Effect};
+use crate::effects::{Decision, Effect, exposure_by_trial};
+use crate::gaussians::Gaussians;
+use crate::gaussians::resident::Resident;
 use crate::job::config::RunConfig;
 use crate::job::records::Trial;
 use crate::job::{Error, Session};
 use crate::scene::Photo;
 use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
-use crate::train::{Options, Trainer};
+use crate::train::{Exposures, Options, Trainer};
 
 /// Number of photos that are withheld.
 const WITHHELD: usize = 8;
@@ -22,8 +25,8 @@ const FEWEST_PHOTOS: usize = 32;
 /// Iterations on each photo, and least number of all.
 const LOOKS: usize = 6;
 const LEAST: u32 = 500;
-/// Largest share of the run's iterations. Runs that are too short for [`LEAST`] have no trial.
-const SHARE: u32 = 10;
+/// Largest share of the run's iterations, of each of two trainings. Runs that are too short for [`LEAST`] have no trial.
+const SHARE: u32 = 14;
 
 /// Length of the trial of a run of this many iterations and photos; none if it has no trial.
 pub fn length(iterations: u32, photos: usize) -> Option<u32> {
@@ -31,7 +34,7 @@ pub fn length(iterations: u32, photos: usize) -> Option<u32> {
     (photos >= FEWEST_PHOTOS && wanted >= LEAST).then_some(wanted)
 }
 
-/// Trains for a short time, if nothing else tells about the poses. `config` has the decisions so far.
+/// Trains for a short time, if nothing else tells of poses or exposures; twice for exposures. `config` has the decisions so far.
 ///
 /// # Errors
 /// As of training; [`Error::Interrupted`] without a checkpoint.
@@ -41,39 +44,68 @@ pub fn trial(
     (prepared, start): (&Prepared, &Start),
     decisions: &[Decision],
 ) -> Result<Option<Trial>, Error> {
+    let [exposure, poses] = [Effect::Exposure, Effect::Poses].map(|effect| untold(decisions, effect));
     let fresh = matches!(start, Start::Points(_) | Start::Random(_));
     let Some(iterations) = length(config.schedule.iterations, prepared.train.len()) else { return Ok(None) };
-    if !fresh || !untold(decisions, Effect::Poses) {
+    if !fresh || !(exposure || poses) {
         return Ok(None);
     }
-    let Session { device, watcher, .. } = *session;
-    watcher.note(&format!("no point tells how well the poses fit: a trial of {iterations} iterations comes first"));
+    let what = if exposure { "whether exposures differ" } else { "how well the poses fit" };
+    session.watcher.note(&format!("no point tells {what}: a trial of {iterations} iterations comes first"));
     let (withheld, trained) = split(&prepared.train);
     let settings = prepared.settings(config.style);
-    let model = {
-        let first = initialise(config, prepared, start)?;
+    let short = Short { session, config, prepared, first: initialise(config, prepared, start)?, iterations };
+    let mut model = short.train(&trained, config.exposure)?;
+    let (mut exposures, mut exposed) = (None, config.exposure);
+    if exposure {
+        let learnt = short.train(&trained, true)?;
+        let mut evaluator = Evaluator::empty(session.device, settings)?;
+        evaluator.compare_as(true);
+        let mut psnr = |model: &Gaussians| -> Result<Option<f64>, Error> {
+            let resident = Resident::upload(session.device, model)?;
+            Ok(mean(&evaluator.psnr(&resident, withheld.iter().copied())?))
+        };
+        exposures = psnr(&model)?.zip(psnr(&learnt)?).map(|(without, with)| [without, with]);
+        if exposures.is_some_and(|psnr| exposure_by_trial(psnr).on) {
+            (model, exposed) = (learnt, true);
+        }
+    }
+    let cameras = camera_errors(session, &model, &withheld, (settings, exposed))?;
+    Ok(Some(Trial { iterations, exposures, cameras }))
+}
+
+/// Short trainings that differ in one effect.
+struct Short<'a> {
+    session: &'a Session<'a>,
+    config: &'a RunConfig,
+    prepared: &'a Prepared,
+    first: Gaussians,
+    iterations: u32,
+}
+
+impl Short<'_> {
+    /// The model of these photos, with an exposure of each or without.
+    fn train(&self, photos: &[Photo], exposure: bool) -> Result<Gaussians, Error> {
+        let Self { session: Session { device, watcher, .. }, config, prepared, iterations, .. } = *self;
+        let growth = config.schedule.growth.map(|_| Growth::default());
         let options = Options {
-            schedule: Schedule {
-                growth: config.schedule.growth.map(|_| Growth::default()),
-                ..Schedule::of(iterations)
-            },
-            settings,
+            schedule: Schedule { growth, ..Schedule::of(iterations) },
+            settings: prepared.settings(config.style),
             seed: config.seed,
             degree: config.sh_degree,
             most: config.max_gaussians,
-            pairs: pair_capacity::initial(device, first.len()),
+            exposure: exposure.then(|| Exposures::Learnt(Vec::new())),
+            pairs: pair_capacity::initial(device, self.first.len()),
             ..Options::default()
         };
-        let mut trainer = Trainer::new(device, &first, trained, prepared.extent, options)?;
+        let mut trainer = Trainer::new(device, &self.first, photos.to_vec(), prepared.extent, options)?;
         while trainer.iteration() < iterations {
             let progress = trainer.advance(iterations.min(trainer.iteration().saturating_add(watcher.pace())))?;
             watcher.training(&progress, iterations);
             watcher.unless_stopped()?;
         }
-        trainer.download()?
-    };
-    let cameras = camera_errors(session, &model, &withheld, (settings, config.exposure))?;
-    Ok(Some(Trial { iterations, cameras }))
+        Ok(trainer.download()?)
+    }
 }
 
 /// Photos withheld, evenly spread, and the others.
@@ -88,9 +120,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_trial_takes_a_tenth_of_a_run_at_most() {
+    fn a_trial_takes_a_seventh_of_a_run_at_most() {
         assert_eq!(length(30_000, 84), Some(504));
-        assert_eq!((length(7_000, 300), length(30_000, 300)), (Some(700), Some(1800)));
-        assert_eq!((length(5_000, 40), length(4_999, 40), length(30_000, 31)), (Some(500), None, None));
+        assert_eq!((length(14_000, 300), length(30_000, 300)), (Some(1000), Some(1800)));
+        assert_eq!((length(7_000, 40), length(6_999, 40), length(30_000, 31)), (Some(500), None, None));
     }
 }

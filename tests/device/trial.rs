@@ -1,4 +1,4 @@
-//! The short training ahead of a run on a capture without tracks finds wrong poses, and leaves right ones alone.
+//! The short training ahead of a run on a capture without tracks finds wrong poses and changing exposures, and leaves others alone.
 
 use crate::support::{Random, device, finish};
 use glam::DVec3;
@@ -13,15 +13,16 @@ use qirf_vk::pipeline::trial::trial;
 use qirf_vk::scene::PhotoMemory;
 use qirf_vk::synth::{self, SynthOptions};
 
-/// Whether a trial of a synthetic capture without tracks decides to correct poses, and its sentence. Cameras to train on are turned by
-/// up to `wrong` pixels.
-fn decided(wrong: f64) -> (bool, String) {
+/// What a trial of a synthetic capture without tracks decides: exposure and poses, on or off, and the sentences. Cameras to train on
+/// are turned by up to `wrong` pixels.
+fn decided(effects: &[synth::Effect], wrong: f64) -> ([bool; 2], String) {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
-    let options = SynthOptions { views: 48, width: 64, height: 48, points: 900, ..SynthOptions::default() };
+    let options =
+        SynthOptions { views: 48, width: 64, height: 48, points: 900, effects: effects.to_vec(), ..Default::default() };
     synth::write(&scene, &options, &|_| ()).unwrap();
     let mut config = RunConfig::of(scene, Preset::Standard);
-    config.schedule.iterations = 5000;
+    config.schedule.iterations = 7000;
     let mut opened = open(&config.selection()).unwrap();
     for point in &mut opened.scene.points {
         point.track.clear();
@@ -30,7 +31,7 @@ fn decided(wrong: f64) -> (bool, String) {
     let start = Start::of(&config, &opened.scene, 64 * 48).unwrap();
     let mut prepared = opened.load_to_train(PhotoMemory::default(), &Silent).unwrap();
     let (mut decisions, _) = decide(&prepared, &config).unwrap();
-    assert!(untold(&decisions, Effect::Poses), "{decisions:?}");
+    assert!([Effect::Exposure, Effect::Poses].iter().all(|effect| untold(&decisions, *effect)), "{decisions:?}");
     let mut random = Random(5);
     for photo in &mut prepared.train {
         let angle = wrong / photo.camera.focal.x;
@@ -43,14 +44,16 @@ fn decided(wrong: f64) -> (bool, String) {
     let tried = trial(&session, &config.decided(&decisions), (&prepared, &start), &decisions).unwrap();
     try_out(&mut decisions, &tried.expect("a trial"));
     finish(&device);
-    let poses = decisions.into_iter().find(|d| d.name == Effect::Poses).expect("each effect is decided on");
-    (poses.on, poses.evidence)
+    let found: Vec<_> = decisions.iter().filter(|d| [Effect::Exposure, Effect::Poses].contains(&d.name)).collect();
+    ([found[0].on, found[1].on], format!("{}; {}", found[0].evidence, found[1].evidence))
 }
 
 #[test]
-fn poses_of_a_capture_without_tracks_are_tried_out() {
-    let (on, told) = decided(0.0);
-    assert!(!on, "{told}");
-    let (on, told) = decided(2.0);
-    assert!(on && told.contains("pixels to fit its model"), "{told}");
+fn a_capture_without_tracks_is_tried_out() {
+    let (on, told) = decided(&[], 0.0);
+    assert_eq!(on, [false, false], "{told}");
+    let (on, told) = decided(&[], 2.0);
+    assert_eq!(on, [false, true], "{told}");
+    let (on, told) = decided(&[synth::Effect::Exposure], 0.0);
+    assert_eq!(on, [true, false], "{told}");
 }

@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 pub struct Trial {
     /// Length of the training in iterations.
     pub iterations: u32,
+    /// Mean PSNR in dB of the withheld photos' right halves, with colours fitted to the left ones: after a training without and one with
+    /// an exposure of each photo. None if something else told of exposures, or if nothing of the photos counts.
+    pub exposures: Option<[f64; 2]>,
     /// Errors of the withheld photos' cameras; none if nothing of the photos counts.
     pub cameras: Option<CameraErrors>,
 }
