@@ -136,12 +136,6 @@ impl Intrinsics {
     }
 
     pub fn lens(&self, width: u32, height: u32) -> Result<Lens, LensFault> {
-        if let Some(other) = self.distortion_params.as_ref().filter(|numbers| !matches!(numbers.len(), 0 | 6)) {
-            let (count, names) = (other.len(), "k1, k2, k3, k4, p1 and p2");
-            let what =
-                format!("its distortion_params has {count} numbers, not the six {names}: write them under these names");
-            return Err(LensFault::Other(what));
-        }
         let model = match self.camera_model.as_deref() {
             None if self.is_fisheye == Some(true) => LensModel::OpenCvFisheye,
             None => LensModel::OpenCv,
@@ -153,6 +147,12 @@ impl Intrinsics {
                 },
             },
         };
+        if let Some(other) = self.distortion_params.as_ref().filter(|numbers| !matches!(numbers.len(), 0 | 6)) {
+            let (count, names) = (other.len(), "k1, k2, k3, k4, p1 and p2");
+            let what =
+                format!("its distortion_params has {count} numbers, not the six {names}: write them under these names");
+            return Err(LensFault::Other(what));
+        }
         if model == LensModel::Equirectangular {
             // All directions, whatever focal length is given.
             return Lens::panorama(width.into(), height.into()).map_err(LensFault::Other);
