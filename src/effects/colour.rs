@@ -18,8 +18,9 @@ pub const GAINS: f64 = 0.02;
 /// Share of the points' differences between photos that gains must explain: if it is less, light changed or surfaces
 /// reflect, which no exposure corrects.
 pub const EXPLAINED: f64 = 1.0 / 3.0;
-/// Gain in dB of photos that a short training withheld above which exposures are learnt.
-pub const GAIN: f64 = 0.3;
+/// Gain in dB of photos that a short training withheld above which exposures are learnt: their pictures as rendered lose, since no model
+/// knows the exposure of a photo that it has not seen.
+pub const GAIN: f64 = 0.6;
 /// Deviation of a point's colours above which they depend on the view: larger than the noise of thumbnails.
 pub const DEVIATION: f64 = 0.005;
 /// Share of points, the smoothest, whose deviation counts: the colours of others change with the texture around them.

@@ -191,7 +191,7 @@ mod tests {
     fn a_trial_decides_only_what_nothing_else_told() {
         let trial = |gain: f64, pixels, psnr: f64| {
             let cameras = Some(CameraErrors { views: 8, pixels, psnr, fitted_psnr: psnr + gain });
-            Trial { iterations: 500, exposures: Some([25.0, 25.0 + gain]), cameras }
+            Trial { iterations: 500, exposures: Some([25.0, 25.0 + 2.0 * gain]), cameras }
         };
         let unknown = |decision: Decision| Decision { on: false, measured: None, ..decision };
         let untold =
