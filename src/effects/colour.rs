@@ -18,9 +18,6 @@ pub const GAINS: f64 = 0.02;
 /// Share of the points' differences between photos that gains must explain: if it is less, light changed or surfaces
 /// reflect, which no exposure corrects.
 pub const EXPLAINED: f64 = 1.0 / 3.0;
-/// Gain in dB of photos that a short training withheld above which exposures are learnt: their pictures as rendered lose, since no model
-/// knows the exposure of a photo that it has not seen.
-pub const GAIN: f64 = 0.6;
 /// Deviation of a point's colours above which they depend on the view: larger than the noise of thumbnails.
 pub const DEVIATION: f64 = 0.005;
 /// Share of points, the smoothest, whose deviation counts: the colours of others change with the texture around them.
@@ -186,16 +183,6 @@ pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gain
     let (explains, near) = (gains.explained > EXPLAINED, is_near(gains.explained, EXPLAINED));
     let near = (decision.near_threshold && (explains || near)) || (near && decision.on);
     Decision { on: decision.on && explains, near_threshold: near, ..decision }
-}
-
-/// Exposure, by photos that two short trainings withheld: their PSNR in dB without and with an exposure of each photo trained on, with
-/// colours fitted to one half of each withheld photo and scored on the other.
-pub fn exposure_by_trial([without, with]: [f64; 2]) -> Decision {
-    let gain = with - without;
-    let evidence = format!(
-        "an exposure of each photo changes photos that a short training withheld by {gain:+.2} dB (from {without:.2})"
-    );
-    Decision::by(Effect::Exposure, gain, GAIN, evidence)
 }
 
 /// Degree of a scene whose colours need none: the first band is cheap and small, and compensates for shapes that are

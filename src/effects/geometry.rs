@@ -14,9 +14,6 @@ use std::collections::BTreeSet;
 pub const FOOTPRINTS: f64 = 1.5;
 /// Median error of points, in pixels of the pictures trained on, above which cameras are corrected.
 pub const MISPLACED: f64 = 1.0;
-/// Both the way in pixels that cameras of withheld photos move to fit a model, and its gain in dB, above which cameras are
-/// corrected.
-pub const MOVED: f64 = 0.3;
 /// Median deviation of points from depth maps, as a share of their depth, up to which the maps are trained on.
 pub const DEPTHS_AGREE: f64 = 0.1;
 /// Number of points whose footprints are compared.
@@ -95,17 +92,6 @@ pub fn poses(set: &TrainingSet<'_>) -> Decision {
     let evidence =
         format!("{} miss their places in the photos by {pixels:.2} pixels (median)", counted(points, "point"));
     Decision::by(Effect::Poses, pixels, MISPLACED, evidence)
-}
-
-/// Poses, by photos that a short training withheld: how far their cameras move to fit its model, in pixels, and their PSNR in dB
-/// before and after. Both have to tell, since a model that shows little of a photo fits it from elsewhere as well.
-pub fn poses_by_trial(pixels: f64, [given, fitted]: [f64; 2]) -> Decision {
-    let gain = fitted - given;
-    let evidence = format!(
-        "cameras of photos that a short training withheld move by {pixels:.2} pixels to fit its model (median); \
-         their PSNR changes by {gain:+.2} dB"
-    );
-    Decision::by(Effect::Poses, pixels.min(gain), MOVED, evidence)
 }
 
 /// Anti-aliasing: compares the sizes of the same point in the photos.

@@ -34,13 +34,13 @@ mod overrides;
 mod quantile;
 mod tracks;
 mod training_set;
+mod trial;
 
-pub use colour::exposure_by_trial;
 pub use decision::{Decision, is_on};
 pub use effect::{Effect, Trigger};
-pub use geometry::poses_by_trial;
 pub use overrides::{Choice, Overrides};
 pub use training_set::{DepthEvidence, DepthWitness, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
+pub use trial::{exposure_by_trial, poses_by_trial, trial_length, untold};
 
 use colour::Gains;
 

@@ -1,7 +1,7 @@
 //! Effects that a scene calls for, decided on a run's training photos, and their consequences for the run.
 
+use super::depth_maps;
 use super::prepare::Prepared;
-use super::{depth_maps, trial};
 use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
@@ -63,8 +63,8 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
     let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
     let mut decisions = effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0;
-    if let Some(length) = trial::length(iterations, train.len()) {
-        let tried = [Effect::Exposure, Effect::Poses].map(|effect| (effect, untold(&decisions, effect)));
+    if let Some(length) = effects::trial_length(iterations, train.len()) {
+        let tried = [Effect::Exposure, Effect::Poses].map(|effect| (effect, effects::untold(&decisions, effect)));
         for d in decisions.iter_mut().filter(|d| tried.contains(&(d.name, true))) {
             d.evidence += &format!("; a run begins with a trial of {length} iterations that tells");
         }
@@ -143,18 +143,13 @@ pub fn summary(decisions: &[Decision]) -> String {
     format!("effects: {}{near}", list(&|d| d.on))
 }
 
-/// Returns true if the scene is to decide on an effect, and nothing measured it.
-pub fn untold(decisions: &[Decision], effect: Effect) -> bool {
-    decisions.iter().any(|d| d.name == effect && !d.forced && d.measured.is_none())
-}
-
 /// Decides by a trial on exposures and poses, if nothing else told.
 pub fn try_out(decisions: &mut [Decision], trial: &Trial) {
     let exposure = trial.exposures.map(effects::exposure_by_trial);
     let cameras = trial.cameras.filter(CameraErrors::tells);
     let poses = cameras.map(|c| effects::poses_by_trial(c.pixels, [c.psnr, c.fitted_psnr]));
     for tried in [exposure, poses].into_iter().flatten() {
-        if untold(decisions, tried.name) {
+        if effects::untold(decisions, tried.name) {
             decisions.iter_mut().filter(|d| d.name == tried.name).for_each(|d| *d = tried.clone());
         }
     }

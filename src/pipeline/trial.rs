@@ -2,12 +2,11 @@
 //! withholds a few of the photos to train on: their scores tell whether an exposure of each photo helps, and how far their cameras have
 //! to move to fit the model tells of the poses.
 
-use super::effects::untold;
 use super::evaluate::{Evaluator, camera_errors, mean};
 use super::pair_capacity;
 use super::prepare::Prepared;
 use super::start::{Start, initialise};
-use crate::effects::{Decision, Effect, exposure_by_trial};
+use crate::effects::{Decision, Effect, exposure_by_trial, trial_length, untold};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::config::RunConfig;
@@ -20,20 +19,6 @@ use crate::train::{Exposures, Options, Trainer};
 
 /// Number of photos that are withheld.
 const WITHHELD: usize = 8;
-/// Smallest number of photos to train on: of fewer, the others show too little of what a withheld one shows.
-const FEWEST_PHOTOS: usize = 32;
-/// Iterations on each photo, and least number of all.
-const LOOKS: usize = 6;
-const LEAST: u32 = 500;
-/// Largest share of the run's iterations, of each of two trainings. Runs that are too short for [`LEAST`] have no trial.
-const SHARE: u32 = 14;
-
-/// Length of the trial of a run of this many iterations and photos; none if it has no trial.
-pub fn length(iterations: u32, photos: usize) -> Option<u32> {
-    let wanted = ((LOOKS * photos) as u32).max(LEAST).min(iterations / SHARE);
-    (photos >= FEWEST_PHOTOS && wanted >= LEAST).then_some(wanted)
-}
-
 /// Trains for a short time, if nothing else tells of poses or exposures; twice for exposures. `config` has the decisions so far.
 ///
 /// # Errors
@@ -46,7 +31,7 @@ pub fn trial(
 ) -> Result<Option<Trial>, Error> {
     let [exposure, poses] = [Effect::Exposure, Effect::Poses].map(|effect| untold(decisions, effect));
     let fresh = matches!(start, Start::Points(_) | Start::Random(_));
-    let Some(iterations) = length(config.schedule.iterations, prepared.train.len()) else { return Ok(None) };
+    let Some(iterations) = trial_length(config.schedule.iterations, prepared.train.len()) else { return Ok(None) };
     if !fresh || !(exposure || poses) {
         return Ok(None);
     }
@@ -113,16 +98,4 @@ fn split(photos: &[Photo]) -> (Vec<&Photo>, Vec<Photo>) {
     let withheld: Vec<usize> = (0..WITHHELD).map(|k| (2 * k + 1) * photos.len() / (2 * WITHHELD)).collect();
     let others = photos.iter().enumerate().filter(|(k, _)| !withheld.contains(k)).map(|(_, photo)| photo.clone());
     (withheld.iter().map(|k| &photos[*k]).collect(), others.collect())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_trial_takes_a_seventh_of_a_run_at_most() {
-        assert_eq!(length(30_000, 84), Some(504));
-        assert_eq!((length(14_000, 300), length(30_000, 300)), (Some(1000), Some(1800)));
-        assert_eq!((length(7_000, 40), length(6_999, 40), length(30_000, 31)), (Some(500), None, None));
-    }
 }

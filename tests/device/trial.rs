@@ -2,11 +2,11 @@
 
 use crate::support::{Random, device, finish};
 use glam::DVec3;
-use qirf_vk::effects::Effect;
+use qirf_vk::effects::{Effect, untold};
 use qirf_vk::job::config::{Preset, RunConfig};
 use qirf_vk::job::{Session, Silent};
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::effects::{decide, try_out, untold};
+use qirf_vk::pipeline::effects::{decide, try_out};
 use qirf_vk::pipeline::prepare::open;
 use qirf_vk::pipeline::start::Start;
 use qirf_vk::pipeline::trial::trial;

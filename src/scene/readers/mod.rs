@@ -11,6 +11,7 @@ mod files;
 mod foreign;
 mod instead;
 mod kinds;
+mod lookup;
 mod masks;
 mod names;
 mod place;

@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec2, DVec3};
 
+use super::lookup::Lookup;
 use super::masks::Masks;
-use super::names::{self, Lookup};
+use super::names;
 use super::tree::photo_folders;
 use super::{ListedPoint, ListedView, Listing, clouds, files, pose};
 use crate::scene::lens::{Lens, LensModel};

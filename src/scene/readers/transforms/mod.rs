@@ -14,8 +14,9 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::files::Folders;
+use super::lookup::Lookup;
 use super::masks::Masks;
-use super::names::{Lookup, tidy};
+use super::names::tidy;
 use super::{ListedView, Listing, clouds, files, point_ply, pose};
 use crate::scene::lens::Lens;
 use crate::scene::view::Role;
