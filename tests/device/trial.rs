@@ -52,7 +52,7 @@ fn decided(effects: &[synth::Effect], wrong: f64) -> ([bool; 2], String) {
 fn a_capture_without_tracks_is_tried_out() {
     let (on, told) = decided(&[], 0.0);
     assert_eq!(on, [false, false], "{told}");
-    let (on, told) = decided(&[], 2.0);
+    let (on, told) = decided(&[], 1.5);
     assert_eq!(on, [false, true], "{told}");
     let (on, told) = decided(&[synth::Effect::Exposure], 0.0);
     assert_eq!(on, [true, false], "{told}");

@@ -318,11 +318,13 @@ impl Trainer {
         self.poses.is_some() && gathered && iteration.is_multiple_of(self.photos.len() as u32)
     }
 
-    /// Returns true if a round of photos ends with iteration `iteration`, and their exposures may have drifted together.
+    /// Returns true if rounds of photos end with iteration `iteration`, and their exposures may have drifted together. Each time the host
+    /// waits for the device: a few photos have several rounds between.
     fn centres_exposures(&self, iteration: u32) -> bool {
         let learnt = self.options.exposure.as_ref().is_some_and(|exposures| exposures.learnt().is_some());
         let drift = self.objective.exposure.as_ref().is_some_and(Exposure::drifts);
-        learnt && drift && iteration.is_multiple_of(self.photos.len() as u32)
+        let photos = self.photos.len() as u32;
+        learnt && drift && iteration.is_multiple_of(photos * LOOK_EVERY.div_ceil(photos))
     }
 
     fn wants_degree(&self, iteration: u32) -> bool {
