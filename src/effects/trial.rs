@@ -5,7 +5,7 @@ use super::effect::Effect;
 
 /// Gain in dB of photos that a short training withheld above which exposures are learnt: their pictures as rendered lose, since no model
 /// knows the exposure of a photo that it has not seen.
-pub const GAIN: f64 = 0.6;
+pub const GAIN: f64 = 0.5;
 /// Both the way in pixels that cameras of withheld photos move to fit a model, and its gain in dB, above which cameras are
 /// corrected.
 pub const MOVED: f64 = 0.3;

@@ -13,9 +13,9 @@ use qirf_vk::pipeline::trial::trial;
 use qirf_vk::scene::PhotoMemory;
 use qirf_vk::synth::{self, SynthOptions};
 
-/// What a trial of a synthetic capture without tracks decides: exposure and poses, on or off, and the sentences. Cameras to train on
-/// are turned by up to `wrong` pixels.
-fn decided(effects: &[synth::Effect], wrong: f64) -> ([bool; 2], String) {
+/// What a trial of a synthetic capture without tracks finds: the gain by exposures in dB, whether it corrects poses, and the sentences.
+/// Cameras to train on are turned by up to `wrong` pixels.
+fn found(effects: &[synth::Effect], wrong: f64) -> (f64, bool, String) {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
     let options =
@@ -45,15 +45,17 @@ fn decided(effects: &[synth::Effect], wrong: f64) -> ([bool; 2], String) {
     try_out(&mut decisions, &tried.expect("a trial"));
     finish(&device);
     let found: Vec<_> = decisions.iter().filter(|d| [Effect::Exposure, Effect::Poses].contains(&d.name)).collect();
-    ([found[0].on, found[1].on], format!("{}; {}", found[0].evidence, found[1].evidence))
+    let gain = found[0].measured.expect("a gain");
+    assert_eq!(found[0].on, gain > 0.5);
+    (gain, found[1].on, format!("{}; {}", found[0].evidence, found[1].evidence))
 }
 
 #[test]
 fn a_capture_without_tracks_is_tried_out() {
-    let (on, told) = decided(&[], 0.0);
-    assert_eq!(on, [false, false], "{told}");
-    let (on, told) = decided(&[], 1.5);
-    assert_eq!(on, [false, true], "{told}");
-    let (on, told) = decided(&[synth::Effect::Exposure], 0.0);
-    assert_eq!(on, [true, false], "{told}");
+    let (gain, poses, told) = found(&[], 0.0);
+    assert!(gain < 0.3 && !poses, "{told}");
+    let (gain, poses, told) = found(&[], 1.5);
+    assert!(gain < 0.3 && poses, "{told}");
+    let (gain, poses, told) = found(&[synth::Effect::Exposure], 0.0);
+    assert!(gain > 0.4 && !poses, "{told}");
 }
