@@ -65,6 +65,7 @@ pub mod kernels;
 
 pub mod primitives;
 
+mod checksum;
 pub mod edit;
 pub mod effects;
 pub mod gaussians;

@@ -133,7 +133,7 @@ impl Arguments {
         let width = compared.arms.iter().map(|a| a.name.len()).max().unwrap_or(0).max("arm".len());
         console.print(format_args!(
             "{:<width$} {:>8} {:>6} {:>13} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
-            "arm", "PSNR/dB", "+-", "less first", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
+            "arm", "PSNR/dB", "+-", "minus first", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
         ))?;
         for arm in &compared.arms {
             console.print(format_args!(

@@ -48,6 +48,11 @@ impl Decision {
         }
     }
 
+    /// Returns true if the scene is to decide, and nothing measured it.
+    pub fn is_untold(&self) -> bool {
+        !self.forced && self.measured.is_none()
+    }
+
     /// The decision on view dependence for a model without photos.
     pub fn of_degree(degree: usize, evidence: String) -> Self {
         Self { degree: Some(degree), ..Self::plain(Effect::ViewDependence, degree > 0, evidence) }

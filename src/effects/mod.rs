@@ -40,7 +40,7 @@ pub use decision::{Decision, is_on};
 pub use effect::{Effect, Trigger};
 pub use overrides::{Choice, Overrides};
 pub use training_set::{DepthEvidence, DepthWitness, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
-pub use trial::{exposure_by_trial, poses_by_trial, trial_length, untold};
+pub use trial::{MOVED, exposure_by_trial, poses_by_trial, trial_length, untold};
 
 use colour::Gains;
 

@@ -6,8 +6,8 @@ use super::effect::Effect;
 /// Gain in dB of photos that a short training withheld above which exposures are learnt: their pictures as rendered lose, since no model
 /// knows the exposure of a photo that it has not seen.
 pub const GAIN: f64 = 0.5;
-/// Both the way in pixels that cameras of withheld photos move to fit a model, and its gain in dB, above which cameras are
-/// corrected.
+/// Both the way in pixels that cameras of photos move to fit a model that was trained without them, and its gain in dB, from which
+/// poses are wrong.
 pub const MOVED: f64 = 0.3;
 /// Smallest number of photos to train on: of fewer, the others show too little of what a withheld one shows.
 const FEWEST_PHOTOS: usize = 32;
@@ -25,7 +25,7 @@ pub fn trial_length(iterations: u32, photos: usize) -> Option<u32> {
 
 /// Returns true if the scene is to decide on an effect, and nothing measured it.
 pub fn untold(decisions: &[Decision], effect: Effect) -> bool {
-    decisions.iter().any(|d| d.name == effect && !d.forced && d.measured.is_none())
+    decisions.iter().any(|d| d.name == effect && d.is_untold())
 }
 
 /// Exposure, by photos that two short trainings withheld: their PSNR in dB without and with an exposure of each photo trained on, with

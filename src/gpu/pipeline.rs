@@ -6,8 +6,8 @@ use super::device::{Context, lock};
 use super::error::{During, Error};
 use super::kernel::Shader;
 use super::recording::Recording;
+use crate::checksum::crc32;
 use ash::vk;
-use flate2::Crc;
 use rustc_hash::FxHashMap;
 use std::num::NonZero;
 use std::panic::resume_unwind;
@@ -222,9 +222,7 @@ impl Pipelines {
 
 /// The CRC-32 of data of a pipeline cache, which stands before them in the file.
 fn checksum(data: &[u8]) -> [u8; 4] {
-    let mut crc = Crc::new();
-    crc.update(data);
-    crc.sum().to_le_bytes()
+    crc32([data]).to_le_bytes()
 }
 
 /// The data of a pipeline cache as stored; none if the file was cut short or damaged, which not every driver survives.

@@ -64,8 +64,8 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
     let mut decisions = effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0;
     if let Some(length) = effects::trial_length(iterations, train.len()) {
-        let tried = [Effect::Exposure, Effect::Poses].map(|effect| (effect, effects::untold(&decisions, effect)));
-        for d in decisions.iter_mut().filter(|d| tried.contains(&(d.name, true))) {
+        let tried = [Effect::Exposure, Effect::Poses];
+        for d in decisions.iter_mut().filter(|d| tried.contains(&d.name) && d.is_untold()) {
             d.evidence += &format!("; a run begins with a trial of {length} iterations that tells");
         }
     }
@@ -149,9 +149,7 @@ pub fn try_out(decisions: &mut [Decision], trial: &Trial) {
     let cameras = trial.cameras.filter(CameraErrors::tells);
     let poses = cameras.map(|c| effects::poses_by_trial(c.pixels, [c.psnr, c.fitted_psnr]));
     for tried in [exposure, poses].into_iter().flatten() {
-        if effects::untold(decisions, tried.name) {
-            decisions.iter_mut().filter(|d| d.name == tried.name).for_each(|d| *d = tried.clone());
-        }
+        decisions.iter_mut().filter(|d| d.name == tried.name && d.is_untold()).for_each(|d| *d = tried.clone());
     }
 }
 

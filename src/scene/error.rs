@@ -51,7 +51,7 @@ pub enum Error {
     #[error("{path} cannot be used: {what}")]
     Instead {
         path: PathBuf,
-        /// What it holds, and the remedy.
+        /// Its contents, and the remedy.
         what: String,
     },
     /// The folder holds several scenes.

@@ -46,9 +46,9 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     Ok(decoded)
 }
 
-/// What a file begins with if Git LFS has the file's contents elsewhere.
+/// The first bytes of a Git LFS pointer, which stands for a file.
 pub(super) const LFS_POINTER: &[u8] = b"version https://git-lfs";
-/// What is wrong with such a file.
+/// The fault of such a file, and the remedy.
 pub(super) const IS_LFS_POINTER: &str = "is a Git LFS pointer, without the file's contents: run `git lfs pull`";
 
 /// The channels that a picture's header announces.

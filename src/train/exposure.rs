@@ -34,8 +34,6 @@ pub struct Exposure {
     /// The picture as the loss sees it.
     pub image: Buffer<[f32; 4]>,
     partials: Buffer<f32>,
-    /// True if no gains were measured: all maps began as the identity.
-    unmeasured: bool,
 }
 
 /// A step of Adam of one photo's map.
@@ -114,13 +112,7 @@ impl Exposure {
             moments: device.upload::<f32>("exposures' moments", moments)?.cast(),
             image: device.buffer("exposed image", pixels)?,
             partials: device.buffer("exposure sums", SIZE * GROUPS as usize)?,
-            unmeasured: gains.is_empty(),
         })
-    }
-
-    /// Returns true if maps may drift together: they began as the identity, and colours can follow.
-    pub fn drifts(&self) -> bool {
-        self.unmeasured
     }
 
     /// Takes out of all maps what they share, so that the model has the mean photo's colours.

@@ -33,10 +33,11 @@ use flate2::bufread::GzDecoder;
 use serde::Serialize;
 
 use super::{Error, Gaussians};
+pub use crate::checksum::crc32;
 use crate::wording::named;
 use fault::Fault;
 pub use georeference::georeference;
-pub use output::{check_place, crc32, refuse_overwrite, remove_leftovers, write_atomically};
+pub use output::{check_place, refuse_overwrite, remove_leftovers, write_atomically};
 pub use parts::parts;
 pub use precision::{Ladder, Precision, SogPrecision, SpzPrecision, ladder, usual};
 pub use render_mode::RenderMode;

@@ -6,6 +6,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use super::Error;
+use crate::checksum::crc32;
 
 /// Refuses an `output` that is the same file as `input`, or one in that folder, through any links.
 ///
@@ -38,13 +39,6 @@ fn same_inode(a: &Path, b: &Path) -> bool {
 #[cfg(not(unix))]
 fn same_inode(_: &Path, _: &Path) -> bool {
     false
-}
-
-/// CRC-32 of some parts, one after the other.
-pub fn crc32<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u32 {
-    let mut crc = flate2::Crc::new();
-    parts.into_iter().for_each(|part| crc.update(part));
-    crc.sum()
 }
 
 /// Writes `path` by way of a temporary file beside it: written, flushed to the disk, then renamed over `path`.

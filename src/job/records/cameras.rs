@@ -1,9 +1,7 @@
 //! Errors of held-out photos' cameras.
 
+use crate::effects::MOVED;
 use serde::{Deserialize, Serialize};
-
-/// Median error in pixels, and gain in dB, from which a run says that the poses limit it.
-const TOLD: (f64, f64) = (0.3, 0.3);
 
 /// PSNR in dB of held-out photos below which a model is no witness: cameras then fit what it gets wrong.
 const WITNESS: f64 = 17.0;
@@ -31,9 +29,8 @@ impl CameraErrors {
     /// corrected already, or nothing is trained.
     pub fn note(&self, known: bool) -> Option<String> {
         let Self { pixels, psnr, fitted_psnr, .. } = *self;
-        let (least, gain) = TOLD;
         let advice = if known { "" } else { "; --effect poses=on corrects those of the training photos" };
-        (self.tells() && pixels >= least && fitted_psnr - psnr >= gain).then(|| {
+        (self.tells() && pixels.min(fitted_psnr - psnr) >= MOVED).then(|| {
             format!(
                 "the poses are inaccurate: held-out photos have {psnr:.2} dB, and {fitted_psnr:.2} dB if their cameras \
                  move by {pixels:.1} pixels (median){advice}"

@@ -3,7 +3,7 @@
 use super::CameraErrors;
 use serde::{Deserialize, Serialize};
 
-/// What a short training tells of photos that it withheld.
+/// Findings of a short training about the photos that it withheld.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     /// Length of the training in iterations.

@@ -1,6 +1,8 @@
 //! Whether two arms differ: differences of PSNR between the same views with the same seeds.
 
 use super::ArmRecord;
+use super::records::deviation;
+use crate::pipeline::evaluate::mean;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -34,11 +36,11 @@ impl Paired {
         let difference = |(a, b): (&Option<f64>, &Option<f64>)| Some((*a)? - (*b)?).filter(|d| d.is_finite());
         let rows = a.iter().zip(&b).map(|(a, b)| a.iter().zip(b).map(difference).collect::<Vec<_>>());
         let rows: Vec<Vec<Option<f64>>> = rows.collect();
-        let seeds: Vec<f64> = rows.iter().filter_map(|row| mean(row.iter().copied())).collect();
+        let seeds: Vec<f64> = rows.iter().filter_map(|row| mean_of(row.iter())).collect();
         let count = rows.iter().map(Vec::len).max().unwrap_or(0);
-        let of_view = |v: usize| mean(rows.iter().map(|row| row.get(v).copied().flatten()));
+        let of_view = |v: usize| mean_of(rows.iter().filter_map(|row| row.get(v)));
         let views: Vec<f64> = (0..count).filter_map(of_view).collect();
-        let difference = mean(seeds.iter().copied().map(Some))?;
+        let difference = mean(&seeds)?;
         let error = [error(&seeds), error(&views)].into_iter().flatten().reduce(f64::max);
         Some(Self { difference, error, tie: error.is_none_or(|error| difference.abs() <= TIED * error) })
     }
@@ -53,17 +55,13 @@ fn scores(arm: &ArmRecord) -> Vec<Vec<Option<f64>>> {
 }
 
 /// Mean of the values that there are.
-fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
-    let values: Vec<f64> = values.flatten().collect();
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+fn mean_of<'a>(values: impl Iterator<Item = &'a Option<f64>>) -> Option<f64> {
+    mean(&values.copied().flatten().collect::<Vec<f64>>())
 }
 
 /// Standard error of a mean; none of fewer than two values.
 fn error(values: &[f64]) -> Option<f64> {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    (values.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt())
+    Some(deviation(values)? / (values.len() as f64).sqrt())
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use super::Paired;
 use crate::gpu::TunedDevice;
 use crate::job::records::{PruneRecord, ViewScores};
+use crate::pipeline::evaluate::mean;
 use crate::train::method::Cut;
 use serde::{Deserialize, Serialize};
 
@@ -78,10 +79,14 @@ fn statistics(values: &[Option<f64>]) -> (Option<f64>, Option<f64>) {
     let Some(values) = values.iter().copied().collect::<Option<Vec<f64>>>().filter(|v| !v.is_empty()) else {
         return (None, None);
     };
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
+    (mean(&values), deviation(&values))
+}
+
+/// Sample standard deviation; none of fewer than two values.
+pub(super) fn deviation(values: &[f64]) -> Option<f64> {
+    let mean = mean(values)?;
     let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    (Some(mean), (values.len() > 1).then(|| (squares / (n - 1.0)).sqrt()))
+    (values.len() > 1).then(|| (squares / (values.len() as f64 - 1.0)).sqrt())
 }
 
 impl ArmRecord {
@@ -151,8 +156,9 @@ impl CompareRecord {
     /// The table as comma-separated values: one line per arm.
     pub fn csv(&self) -> String {
         let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
-        let mut text =
-            "name,psnr,psnr_spread,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned,difference,difference_error\n".to_owned();
+        let mut text = "name,psnr,psnr_spread,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned,\
+             difference,difference_error\n"
+            .to_owned();
         for a in &self.arms {
             let scores = [a.psnr, a.psnr_spread, a.ssim, a.lpips_vgg].map(cell).join(",");
             text += &format!("{},{scores},{},{:.4},{},", a.name, a.gaussians, a.removed, a.ply_bytes);

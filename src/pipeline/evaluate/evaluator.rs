@@ -93,7 +93,10 @@ impl HeldOut {
         }
         if self.empty > 0 {
             let views = counted(self.empty, "held-out view");
-            watcher.note(&format!("{views} rendered empty: the model shows nothing there; if they are photos, check the poses and the scene's scale"));
+            watcher.note(&format!(
+                "{views} rendered empty: the model shows nothing there; if they are photos, check the poses and the scene's \
+                 scale"
+            ));
         }
     }
 }

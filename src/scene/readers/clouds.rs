@@ -1,8 +1,8 @@
 //! Point clouds beside a capture's cameras, in files of their own.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::files::inside;
 use super::{ListedPoint, point_ply, pose};
 use crate::scene::Skipped;
 
@@ -13,9 +13,10 @@ const NAMES: [&str; 7] =
 /// Extensions of clouds that are not read.
 const UNREAD: [&str; 5] = ["las", "laz", "e57", "pcd", "xyz"];
 
-/// The usable points of the first cloud that is there under one of the usual names, in any case, in one of these folders, of which
-/// the first counts first. A file that is not a cloud is noted and left out: nothing names it.
+/// The usable points of the cloud with one of the usual names, in any case, in the first of these folders that holds one. A file that
+/// is not a cloud is noted and left out: nothing names it.
 pub(super) fn beside(folders: &[&Path], skipped: &mut Skipped) -> Vec<ListedPoint> {
+    let files = |folder: &Path| inside(folder).into_iter().filter(|path| path.is_file()).collect();
     let held: Vec<Vec<PathBuf>> = folders.iter().map(|folder| files(folder)).collect();
     let named = |files: &Vec<PathBuf>| {
         let is = |path: &&PathBuf, name: &str| path.file_name().is_some_and(|own| own.eq_ignore_ascii_case(name));
@@ -36,14 +37,6 @@ pub(super) fn beside(folders: &[&Path], skipped: &mut Skipped) -> Vec<ListedPoin
             Vec::new()
         }
     }
-}
-
-/// The files in a folder, sorted.
-fn files(folder: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut files: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_file()).collect();
-    files.sort();
-    files
 }
 
 /// A note on a cloud in a format that is not read, or under a name that says nothing.

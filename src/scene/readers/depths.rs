@@ -1,9 +1,8 @@
 //! Depth maps of photos, in a folder of their own.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::files::{Folders, appended};
+use super::files::{Folders, appended, inside};
 use super::names::{belongs_to, has_owner, key, last};
 use crate::wording::counted;
 
@@ -22,9 +21,7 @@ pub(super) struct DepthMaps {
 
 impl DepthMaps {
     pub fn of(folder: &Path) -> Self {
-        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-        let mut files: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_file()).collect();
-        files.sort();
+        let files: Vec<PathBuf> = inside(folder).into_iter().filter(|path| path.is_file()).collect();
         let is_map = |path: &&PathBuf| {
             path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
         };

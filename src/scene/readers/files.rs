@@ -39,6 +39,14 @@ pub(super) fn child(folder: &Path, name: &str) -> PathBuf {
     })
 }
 
+/// The paths in a folder, sorted; none if there is no such folder.
+pub(super) fn inside(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+    paths.sort();
+    paths
+}
+
 /// The first candidate that exists as named, with another photo extension or with one appended; otherwise the first as
 /// named. A photo in a format that is not read gives way to its copy in one that is.
 pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {

@@ -4,7 +4,7 @@ use std::fs;
 use std::io::Read;
 use std::path::Path;
 
-use super::files::child;
+use super::files::{child, inside};
 
 /// How much of a file tells its format.
 const BEGINNING: u64 = 4096;
@@ -13,7 +13,7 @@ const BEGINNING: u64 = 4096;
 struct Format {
     /// The names of its files in lower case; `*` stands for anything.
     names: &'static [&'static str],
-    /// What the beginning of such a file holds, in lower case, where other programs use the same names.
+    /// Text in the beginning of such a file, in lower case, where other programs use the same names; otherwise empty.
     holds: &'static str,
     /// The program that writes it.
     program: &'static str,
@@ -94,7 +94,7 @@ impl Format {
 fn beginning(path: &Path) -> String {
     let mut bytes = Vec::new();
     if path.is_file() {
-        // What cannot be read says nothing.
+        // An unreadable file tells nothing.
         let _ = fs::File::open(path).and_then(|file| file.take(BEGINNING).read_to_end(&mut bytes));
     }
     String::from_utf8_lossy(&bytes).replace("\r\n", "\n").to_lowercase()
@@ -118,8 +118,7 @@ pub(super) fn poses(folder: &Path) -> String {
 }
 
 fn in_folder(folder: &Path) -> Option<String> {
-    let mut paths: Vec<_> = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-    paths.sort();
+    let paths = inside(folder);
     FOREIGN.iter().find_map(|format| {
         let path = paths.iter().find(|path| format.is_of(path))?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();

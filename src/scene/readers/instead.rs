@@ -1,9 +1,8 @@
-//! What a path holds instead of a capture, and how it becomes one.
+//! Paths that are no capture: their contents, and the way to a capture.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::files::child;
+use super::files::{child, inside};
 use super::kinds::{is_archive_name, is_unstitched_name, is_video_name};
 use super::names::is_result;
 use super::tree::{PhotoTree, unread};
@@ -38,8 +37,7 @@ fn of_folder(folder: &Path) -> Option<String> {
     if let Some(photos) = places.iter().find_map(|place| unread(&PhotoTree::of(place).unread)) {
         return Some(format!("it holds {photos}"));
     }
-    let mut files: Vec<PathBuf> = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
-    files.sort();
+    let files = inside(folder);
     let first = |is: fn(&Path) -> bool| files.iter().find(|path| path.is_file() && is(path));
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if let Some(video) = first(is_video_name) {

@@ -19,12 +19,11 @@ use crate::train::density::{self, Step, densify};
 use crate::train::depth_loss::DepthLoss;
 use crate::train::device_photos::{DevicePhotos, UNDER_WAY};
 use crate::train::error::{Error, Result};
-use crate::train::exposure::Exposure;
 use crate::train::halve::{self, Halve};
 use crate::train::host_check::HostCheck;
 use crate::train::loss::Loss;
 use crate::train::objective::Objective;
-use crate::train::options::Options;
+use crate::train::options::{Exposures, Options};
 use crate::train::poses::Poses;
 use crate::train::rates::Rates;
 use crate::train::smoothing::Smoothing;
@@ -318,13 +317,12 @@ impl Trainer {
         self.poses.is_some() && gathered && iteration.is_multiple_of(self.photos.len() as u32)
     }
 
-    /// Returns true if rounds of photos end with iteration `iteration`, and their exposures may have drifted together. Each time the host
-    /// waits for the device: a few photos have several rounds between.
+    /// Returns true if rounds of photos end with iteration `iteration`, and their exposures, which began without measured gains, may have
+    /// drifted together. Each time the host waits for the device: a few photos have several rounds between.
     fn centres_exposures(&self, iteration: u32) -> bool {
-        let learnt = self.options.exposure.as_ref().is_some_and(|exposures| exposures.learnt().is_some());
-        let drift = self.objective.exposure.as_ref().is_some_and(Exposure::drifts);
+        let gains = self.options.exposure.as_ref().and_then(Exposures::learnt);
         let photos = self.photos.len() as u32;
-        learnt && drift && iteration.is_multiple_of(photos * LOOK_EVERY.div_ceil(photos))
+        gains.is_some_and(<[_]>::is_empty) && iteration.is_multiple_of(photos * LOOK_EVERY.div_ceil(photos))
     }
 
     fn wants_degree(&self, iteration: u32) -> bool {
