@@ -12,7 +12,7 @@ use std::{fs, io};
 pub const SHIPPED: &str = "glsl/spirv";
 /// Folder of the includes.
 const INCLUDES: &str = "glsl";
-/// Vulkan 1.2 is the floor of gpu/choose/select.rs. Unoptimised modules keep every name and constant that the reflection
+/// Vulkan 1.2 is the floor of gpu/choose/properties.rs. Unoptimised modules keep every name and constant that the reflection
 /// reads.
 const FLAGS: [&str; 5] = ["-fshader-stage=compute", "--target-env=vulkan1.2", "--target-spv=spv1.5", "-O0", "-Werror"];
 

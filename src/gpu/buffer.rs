@@ -1,15 +1,17 @@
 //! Typed device buffers.
 
-use super::device::{Context, Device};
+use super::context::Context;
+use super::device::Device;
 use super::error::{During, Error};
+use super::harness::red_zone::{self, Guarded};
 use super::memory;
 use ash::vk;
 use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc};
 use std::marker::PhantomData;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Weak};
 
 /// Vulkan has no empty buffers, and a fill needs a multiple of four bytes.
 const fn stored(bytes: u64) -> u64 {
@@ -48,23 +50,28 @@ impl RawBuffer {
             counted.fetch_add(size, Ordering::Relaxed);
             return Ok(Self::pretended(context, name, 0, 0));
         }
-        if usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && size > context.info.max_buffer_bytes {
+        if usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && size > context.logical.info.max_buffer_bytes {
             return Err(Error::TooLarge {
                 name: name.to_owned(),
                 needed: size,
-                limit: context.info.max_buffer_bytes,
-                device: context.info.name.clone(),
+                limit: context.logical.info.max_buffer_bytes,
+                device: context.logical.info.name.clone(),
             });
         }
         context.memory.reserve(name, size)?;
         context.counters.buffers.fetch_add(1, Ordering::Relaxed);
         let guarded = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && context.guards.is_some();
         // A guarded buffer is read and written by the host.
-        let (red_zone, location) = if guarded { (context.red_zone(), MemoryLocation::GpuToCpu) } else { (0, location) };
+        let (red_zone, location) = if guarded { (red_zone::BYTES, MemoryLocation::GpuToCpu) } else { (0, location) };
         let mut made = Self::allocate(context, name, size, red_zone, usage, location);
         match (&mut made, &context.guards) {
             (Err(_), _) => context.memory.release(size),
-            (Ok(buffer), Some(guards)) if guarded => guards.watch(buffer),
+            (Ok(buffer), Some(guards)) if guarded => {
+                let number = buffer.number();
+                red_zone::fill(number, buffer.mapped_mut().split_at_mut(size as usize));
+                let storage: Weak<Storage> = Arc::downgrade(&buffer.0);
+                guards.watch(number, storage);
+            }
             _ => {}
         }
         made
@@ -78,15 +85,15 @@ impl RawBuffer {
         usage: vk::BufferUsageFlags,
         location: MemoryLocation,
     ) -> Result<Self, Error> {
-        if context.compile_only {
+        if context.logical.compile_only {
             let pretended = if location == MemoryLocation::GpuOnly { 0 } else { size as usize };
             return Ok(Self::pretended(context, name, size, pretended));
         }
         let info = vk::BufferCreateInfo::default().size(size + red_zone).usage(usage);
         // SAFETY: the device is alive and `info` is complete.
-        let raw = unsafe { context.raw.create_buffer(&info, None) }.during("create buffer")?;
+        let raw = unsafe { context.logical.raw.create_buffer(&info, None) }.during("create buffer")?;
         // SAFETY: `raw` was just made by this device.
-        let requirements = unsafe { context.raw.get_buffer_memory_requirements(raw) };
+        let requirements = unsafe { context.logical.raw.get_buffer_memory_requirements(raw) };
         let wanted = AllocationCreateDesc {
             name,
             requirements,
@@ -96,7 +103,7 @@ impl RawBuffer {
         };
         let bound = context.memory.allocate(&wanted, size).and_then(|a| {
             // SAFETY: the memory was allocated for this buffer's requirements and is bound once.
-            match unsafe { context.raw.bind_buffer_memory(raw, a.memory(), a.offset()) }.during("bind memory") {
+            match unsafe { context.logical.raw.bind_buffer_memory(raw, a.memory(), a.offset()) }.during("bind memory") {
                 Ok(()) => Ok(a),
                 Err(e) => {
                     context.memory.free(a);
@@ -106,7 +113,7 @@ impl RawBuffer {
         });
         match bound {
             Ok(allocation) => {
-                context.name_object(raw, name);
+                context.logical.name(raw, name);
                 let number = NEXT.fetch_add(1, Ordering::Relaxed);
                 let (name, context) = (name.to_owned(), Arc::clone(context));
                 let allocation = Some(allocation);
@@ -115,7 +122,7 @@ impl RawBuffer {
             }
             Err(e) => {
                 // SAFETY: no work was ever submitted that uses the buffer.
-                unsafe { context.raw.destroy_buffer(raw, None) };
+                unsafe { context.logical.raw.destroy_buffer(raw, None) };
                 Err(e)
             }
         }
@@ -166,6 +173,21 @@ impl Storage {
     }
 }
 
+impl Guarded for Storage {
+    fn number(&self) -> u64 {
+        self.number
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn red_zone(&self) -> &[u8] {
+        let zone = self.bytes as usize..(self.bytes + self.red_zone) as usize;
+        self.mapped().get(zone).unwrap_or_default()
+    }
+}
+
 impl Drop for Storage {
     fn drop(&mut self) {
         self.context.forget(self.number);
@@ -173,9 +195,9 @@ impl Drop for Storage {
             guards.leave(self);
         }
         if let Some(allocation) = self.allocation.take() {
-            self.context.unname_object(self.raw);
+            self.context.logical.unname(self.raw);
             // SAFETY: submitted work holds its own reference until its fence was waited for, so none uses the buffer now.
-            unsafe { self.context.raw.destroy_buffer(self.raw, None) };
+            unsafe { self.context.logical.raw.destroy_buffer(self.raw, None) };
             self.context.memory.free(allocation);
         }
         self.context.memory.release(self.bytes);

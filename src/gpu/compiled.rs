@@ -1,12 +1,9 @@
 //! Statistics of compiled kernels: registers, spills, code size, as far as the driver reports them
 //! (`VK_KHR_pipeline_executable_properties`).
 
-use super::device::{Context, Device, lock};
 use super::error::{During, Error};
-use super::pipeline::Key;
 use ash::{khr, vk};
 use serde::Serialize;
-use std::ffi::CStr;
 
 /// One kernel, as compiled.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -22,10 +19,14 @@ pub struct Compiled {
 }
 
 impl Compiled {
-    /// Queries the driver about a pipeline created for this purpose.
-    pub(super) fn of(context: &Context, (kernel, constants): &Key, pipeline: vk::Pipeline) -> Result<Self, Error> {
-        let mut compiled = Self { kernel, constants: constants.clone(), subgroup: 0, statistics: Vec::new() };
-        let Some(executables) = &context.executables else { return Ok(compiled) };
+    /// Queries the driver, if it can tell, about the pipeline of a kernel, created for this purpose.
+    pub(super) fn of(
+        driver: Option<&khr::pipeline_executable_properties::Device>,
+        (kernel, constants): (&'static str, &[u32]),
+        pipeline: vk::Pipeline,
+    ) -> Result<Self, Error> {
+        let mut compiled = Self { kernel, constants: constants.to_vec(), subgroup: 0, statistics: Vec::new() };
+        let Some(executables) = driver else { return Ok(compiled) };
         let info = vk::PipelineInfoKHR::default().pipeline(pipeline);
         // SAFETY: the pipeline is alive, and was made with the flag that captures statistics.
         let properties = unsafe { executables.get_pipeline_executable_properties(&info) };
@@ -56,18 +57,5 @@ fn value(statistic: &vk::PipelineExecutableStatisticKHR<'_>) -> f64 {
             vk::PipelineExecutableStatisticFormatKHR::UINT64 => value.u64 as f64,
             _ => value.f64,
         }
-    }
-}
-
-/// The extension.
-pub(super) const EXTENSION: &CStr = khr::pipeline_executable_properties::NAME;
-
-impl Device {
-    /// Every kernel made so far, ordered by name and constants; statistics are empty if the driver reports none. Only
-    /// for a device opened with [`super::DeviceOptions::compile_only`].
-    pub fn compiled(&self) -> Vec<Compiled> {
-        let mut all = lock(&self.context().compiled).clone();
-        all.sort_by(|a, b| (a.kernel, &a.constants).cmp(&(b.kernel, &b.constants)));
-        all
     }
 }

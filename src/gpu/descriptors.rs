@@ -1,9 +1,7 @@
 //! Binding of buffers to kernels: by push descriptors, or by descriptor sets on devices that lack these.
 
-use super::choose::select::{DeviceInfo, Feature};
 use super::error::{During, Error};
-use super::pipeline::Pipeline;
-use super::recording::Recording;
+use super::info::{DeviceInfo, Feature};
 use ash::{khr, vk};
 use std::str::FromStr;
 
@@ -47,6 +45,14 @@ impl FromStr for Descriptors {
 pub(super) enum Binder {
     Push(khr::push_descriptor::Device),
     Sets,
+}
+
+/// What the buffers of a pipeline are bound by.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Layouts {
+    pub set: vk::DescriptorSetLayout,
+    pub pipeline: vk::PipelineLayout,
+    pub template: vk::DescriptorUpdateTemplate,
 }
 
 /// A submission's pool of descriptor sets. Empty with push descriptors.
@@ -157,13 +163,13 @@ impl Binder {
         unsafe { device.create_descriptor_update_template(&info, None) }.during("create update template")
     }
 
-    /// The descriptor sets that a recording needs.
-    pub fn room(&self, recording: &Recording) -> Room {
+    /// The descriptor sets of dispatches with these numbers of buffers.
+    pub fn room(&self, dispatches: impl Iterator<Item = usize>) -> Room {
         match self {
             Self::Push(_) => Room::default(),
-            Self::Sets => recording.dispatches().fold(Room::default(), |room, dispatch| Room {
+            Self::Sets => dispatches.fold(Room::default(), |room, buffers| Room {
                 sets: room.sets + 1,
-                buffers: room.buffers + dispatch.shader.bindings.len() as u32,
+                buffers: room.buffers + buffers as u32,
             }),
         }
     }
@@ -177,22 +183,22 @@ impl Binder {
         &self,
         device: &ash::Device,
         (commands, sets): (vk::CommandBuffer, &Sets),
-        pipeline: &Pipeline,
+        layouts: &Layouts,
         buffers: &[vk::DescriptorBufferInfo],
     ) -> Result<(), Error> {
-        let (layout, data) = (pipeline.layout, buffers.as_ptr().cast());
+        let (layout, data) = (layouts.pipeline, buffers.as_ptr().cast());
         match self {
             // SAFETY: the caller's promise; the template reads as many infos as there are buffers.
             Self::Push(push) => unsafe {
-                push.cmd_push_descriptor_set_with_template(commands, pipeline.template, layout, 0, data);
+                push.cmd_push_descriptor_set_with_template(commands, layouts.template, layout, 0, data);
             },
             Self::Sets => {
-                let layouts = [pipeline.set_layout];
-                let wanted = vk::DescriptorSetAllocateInfo::default().descriptor_pool(sets.pool).set_layouts(&layouts);
+                let wanted = [layouts.set];
+                let wanted = vk::DescriptorSetAllocateInfo::default().descriptor_pool(sets.pool).set_layouts(&wanted);
                 // SAFETY: as above; the set is new, so that no other dispatch uses it.
                 unsafe {
                     let set = device.allocate_descriptor_sets(&wanted).during("allocate descriptor set")?;
-                    device.update_descriptor_set_with_template(set[0], pipeline.template, data);
+                    device.update_descriptor_set_with_template(set[0], layouts.template, data);
                     device.cmd_bind_descriptor_sets(commands, vk::PipelineBindPoint::COMPUTE, layout, 0, &set, &[]);
                 }
             }

@@ -1,7 +1,7 @@
 //! Encoding a recording into a command buffer.
 
 use super::buffer::RawBuffer;
-use super::device::Context;
+use super::context::Context;
 use super::error::{During, Error};
 use super::frame::Frame;
 use super::hazards::Barrier;
@@ -52,7 +52,7 @@ pub(super) struct Encoder<'a> {
 impl<'a> Encoder<'a> {
     /// An encoder of one recording.
     pub fn new(context: &'a Context, frame: &'a mut Frame) -> Self {
-        let timed = context.info.timestamp_period > 0.0 && frame.capacity > 0;
+        let timed = context.logical.info.timestamp_period > 0.0 && frame.capacity > 0;
         Self {
             context,
             commands: vk::CommandBuffer::null(),
@@ -81,7 +81,12 @@ impl<'a> Encoder<'a> {
         if self.timed {
             // SAFETY: the pool holds as many queries.
             unsafe {
-                self.context.raw.cmd_reset_query_pool(self.commands, self.frame.queries, 0, self.frame.capacity);
+                self.context.logical.raw.cmd_reset_query_pool(
+                    self.commands,
+                    self.frame.queries,
+                    0,
+                    self.frame.capacity,
+                );
             }
         }
         let mut pipelines = pipelines.iter();
@@ -103,17 +108,17 @@ impl<'a> Encoder<'a> {
 
     /// Begins the next command buffer.
     fn open_commands(&mut self) -> Result<(), Error> {
-        self.commands = self.frame.commands(self.context, self.pieces)?;
+        self.commands = self.frame.commands(&self.context.logical.raw, self.pieces)?;
         self.pieces += 1;
         self.dispatches.push(Vec::new());
         let begin = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
         // SAFETY: the command buffer is in its initial state.
-        unsafe { self.context.raw.begin_command_buffer(self.commands, &begin) }.during("begin commands")
+        unsafe { self.context.logical.raw.begin_command_buffer(self.commands, &begin) }.during("begin commands")
     }
 
     fn close_commands(&self) -> Result<(), Error> {
         // SAFETY: the command buffer is being recorded.
-        unsafe { self.context.raw.end_command_buffer(self.commands) }.during("end commands")
+        unsafe { self.context.logical.raw.end_command_buffer(self.commands) }.during("end commands")
     }
 
     /// Continues in another command buffer if this one would take too long with the next command. Barriers hold between
@@ -135,7 +140,7 @@ impl<'a> Encoder<'a> {
         (source, source_access): (vk::PipelineStageFlags, vk::AccessFlags),
         (destination, destination_access): (vk::PipelineStageFlags, vk::AccessFlags),
     ) {
-        let (device, commands, none) = (&self.context.raw, self.commands, vk::DependencyFlags::empty());
+        let (device, commands, none) = (&self.context.logical.raw, self.commands, vk::DependencyFlags::empty());
         let memory = [vk::MemoryBarrier::default().src_access_mask(source_access).dst_access_mask(destination_access)];
         // SAFETY: the command buffer is being recorded.
         unsafe { device.cmd_pipeline_barrier(commands, source, destination, none, &memory, &[], &[]) };
@@ -147,7 +152,7 @@ impl<'a> Encoder<'a> {
         arguments: &Arguments,
         pipelines: &mut impl Iterator<Item = &'b Arc<Pipeline>>,
     ) -> Result<(), Error> {
-        let (device, commands) = (&self.context.raw, self.commands);
+        let (device, commands) = (&self.context.logical.raw, self.commands);
         if !matches!(command, Command::Begin(_) | Command::End | Command::Dispatch(_)) {
             self.now = None;
         }
@@ -198,16 +203,16 @@ impl<'a> Encoder<'a> {
 
     /// Binds a pipeline with its arguments.
     fn bind(&mut self, pipeline: &Pipeline, push: &[u8], buffers: &[RawBuffer]) -> Result<(), Error> {
-        let (device, commands) = (&self.context.raw, self.commands);
+        let (device, commands) = (&self.context.logical.raw, self.commands);
         let info = |b: &RawBuffer| vk::DescriptorBufferInfo { buffer: b.0.raw, offset: 0, range: vk::WHOLE_SIZE };
         self.bound.clear();
         self.bound.extend(buffers.iter().map(info));
         // SAFETY: the command buffer is being recorded; pipeline and buffers are alive, and are those of one shader.
         unsafe {
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
-            self.context.binder.bind(device, (commands, &self.frame.sets), pipeline, &self.bound)?;
+            self.context.logical.binder.bind(device, (commands, &self.frame.sets), &pipeline.layouts, &self.bound)?;
             if !push.is_empty() {
-                device.cmd_push_constants(commands, pipeline.layout, vk::ShaderStageFlags::COMPUTE, 0, push);
+                device.cmd_push_constants(commands, pipeline.layouts.pipeline, vk::ShaderStageFlags::COMPUTE, 0, push);
             }
         }
         Ok(())
@@ -235,7 +240,7 @@ impl<'a> Encoder<'a> {
         self.queries += 1;
         // SAFETY: the command buffer is being recorded; the frame has two queries per scope, and per dispatch where each is timed.
         unsafe {
-            self.context.raw.cmd_write_timestamp(self.commands, stage, self.frame.queries, query);
+            self.context.logical.raw.cmd_write_timestamp(self.commands, stage, self.frame.queries, query);
         }
         self.now = Some(query);
         self.now
@@ -243,7 +248,7 @@ impl<'a> Encoder<'a> {
 
     /// Opens (or closes) a debug label.
     fn label(&self, name: Option<&str>) {
-        let Some(debug) = &self.context.debug else { return };
+        let Some(debug) = &self.context.logical.debug else { return };
         let commands = self.commands;
         // SAFETY: the command buffer is being recorded; labels are opened and closed in pairs.
         unsafe {

@@ -1,6 +1,6 @@
 //! Errors of Vulkan devices.
 
-use super::choose::select::DeviceKind;
+use super::info::DeviceKind;
 use ash::vk;
 use std::path::PathBuf;
 

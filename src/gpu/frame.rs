@@ -1,11 +1,17 @@
 //! The command buffer, fence, queries and descriptor sets of one submission.
 
 use super::descriptors::{Room, Sets};
-use super::device::{Context, lock};
 use super::error::{During, Error};
+use super::lock::lock;
 use ash::vk;
+use std::sync::Mutex;
+
+/// The frames whose work is over.
+#[derive(Default)]
+pub(super) struct Frames(Mutex<Vec<Frame>>);
 
 /// Resources of one submission besides its commands; reused by the next.
+#[derive(Default)]
 pub(super) struct Frame {
     /// One; more where the recording is cut.
     pub commands: Vec<vk::CommandBuffer>,
@@ -17,35 +23,42 @@ pub(super) struct Frame {
     pool: vk::CommandPool,
 }
 
-impl Frame {
-    /// A frame whose work is finished, or a new one.
-    pub fn take(context: &Context, queries: u32, room: Room) -> Result<Self, Error> {
-        let new = Self {
-            pool: vk::CommandPool::null(),
-            commands: Vec::new(),
-            fence: vk::Fence::null(),
-            queries: vk::QueryPool::null(),
-            capacity: 0,
-            sets: Sets::default(),
-        };
-        let mut frame = lock(&context.frames).pop().unwrap_or(new);
-        match frame.prepare(context, queries, room) {
+impl Frames {
+    /// A frame whose work is over, or a new one, for a queue of this family.
+    pub fn take(&self, device: &ash::Device, family: u32, queries: u32, room: Room) -> Result<Frame, Error> {
+        let mut frame = lock(&self.0).pop().unwrap_or_default();
+        match frame.prepare(device, family, queries, room) {
             Ok(()) => Ok(frame),
             Err(e) => {
                 // SAFETY: nothing is under way in a frame that was kept, nor in a new one.
-                unsafe { frame.destroy(&context.raw) };
+                unsafe { frame.destroy(device) };
                 Err(e)
             }
         }
     }
 
+    /// Keeps a frame whose work is over.
+    pub fn give_back(&self, frame: Frame) {
+        lock(&self.0).push(frame);
+    }
+
+    /// # Safety
+    /// No frame is taken afterwards.
+    pub unsafe fn destroy(&self, device: &ash::Device) {
+        for frame in lock(&self.0).drain(..) {
+            // SAFETY: its work is over, since it was given back.
+            unsafe { frame.destroy(device) };
+        }
+    }
+}
+
+impl Frame {
     /// Creates what is missing and resets what was used.
-    fn prepare(&mut self, context: &Context, queries: u32, room: Room) -> Result<(), Error> {
-        let device = &context.raw;
+    fn prepare(&mut self, device: &ash::Device, family: u32, queries: u32, room: Room) -> Result<(), Error> {
         // SAFETY: a kept frame's work is over (its fence was waited for); new handles come from this device.
         unsafe {
             if self.pool == vk::CommandPool::null() {
-                let info = vk::CommandPoolCreateInfo::default().queue_family_index(context.queue.family);
+                let info = vk::CommandPoolCreateInfo::default().queue_family_index(family);
                 self.pool = device.create_command_pool(&info, None).during("create command pool")?;
                 self.fence = device.create_fence(&vk::FenceCreateInfo::default(), None).during("create fence")?;
             } else {
@@ -59,25 +72,25 @@ impl Frame {
                 self.queries = device.create_query_pool(&info, None).during("create queries")?;
                 self.capacity = count;
             }
-            self.commands(context, 0)?;
+            self.commands(device, 0)?;
             self.sets.prepare(device, room)?;
             device.reset_fences(&[self.fence]).during("reset fence")
         }
     }
 
     /// The command buffer at `index`, which is in its initial state; those before it exist.
-    pub fn commands(&mut self, context: &Context, index: usize) -> Result<vk::CommandBuffer, Error> {
+    pub fn commands(&mut self, device: &ash::Device, index: usize) -> Result<vk::CommandBuffer, Error> {
         if index == self.commands.len() {
             let info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
             // SAFETY: the pool is this frame's, which one thread uses at a time.
-            self.commands.extend(unsafe { context.raw.allocate_command_buffers(&info) }.during("allocate commands")?);
+            self.commands.extend(unsafe { device.allocate_command_buffers(&info) }.during("allocate commands")?);
         }
         Ok(self.commands[index])
     }
 
     /// # Safety
     /// The frame's work has finished.
-    pub unsafe fn destroy(self, device: &ash::Device) {
+    unsafe fn destroy(self, device: &ash::Device) {
         // SAFETY: the caller's promise; handles are destroyed once.
         unsafe {
             device.destroy_query_pool(self.queries, None);

@@ -1,45 +1,7 @@
-//! Shaders as reflected by the build script, and kernels: shaders with their arguments.
+//! Kernels: shaders with their arguments.
 
 use super::buffer::RawBuffer;
-
-/// A kernel's access to a binding, from the shader's own qualifiers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Access {
-    /// `readonly`.
-    Read,
-    /// `writeonly`: every element that counts is written.
-    Write,
-    /// Neither.
-    ReadWrite,
-}
-
-/// One binding of a shader.
-#[derive(Clone, Copy, Debug)]
-pub struct BindingInfo {
-    /// Its name in the shader.
-    pub name: &'static str,
-    /// The kernel's access to it.
-    pub access: Access,
-}
-
-/// A compute shader: SPIR-V and its reflection.
-#[derive(Debug)]
-pub struct Shader {
-    /// `room/stage`: the debug label and profiler name.
-    pub name: &'static str,
-    /// The module, little-endian words.
-    pub spirv: &'static [u8],
-    /// Bindings 0, 1, ...
-    pub bindings: &'static [BindingInfo],
-    /// Bytes of push constants.
-    pub push_size: u32,
-    /// Identifiers of the specialization constants, in the order of [`Kernel::constants`].
-    pub constants: &'static [u32],
-    /// The constant that receives the subgroup size, if any.
-    pub subgroup_constant: Option<u32>,
-    /// The constant that reverses the order of workgroups, if any.
-    pub backwards_constant: Option<u32>,
-}
+use super::shader::Shader;
 
 /// A shader with its arguments; implemented by the generated structs of `crate::kernels`.
 pub trait Kernel {

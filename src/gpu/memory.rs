@@ -1,8 +1,8 @@
 //! Device memory: the allocator, and the count of bytes in use.
 
-use super::choose::select::{DeviceInfo, DeviceKind};
-use super::device::lock;
 use super::error::Error;
+use super::info::{DeviceInfo, DeviceKind};
+use super::lock::lock;
 use ash::vk;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationError, MemoryLocation};

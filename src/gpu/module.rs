@@ -1,7 +1,7 @@
 //! SPIR-V modules in the form that a device takes.
 
 use super::error::Error;
-use super::kernel::Shader;
+use super::shader::Shader;
 use std::path::PathBuf;
 
 /// Words of a module's header; its capabilities follow, then its extensions.

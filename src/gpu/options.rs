@@ -3,7 +3,7 @@
 use super::descriptors::Descriptors;
 use super::error::Error;
 use super::harness::Harness;
-use super::tuning::TuningChoice;
+use super::tuning::choice::TuningChoice;
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::time::Duration;

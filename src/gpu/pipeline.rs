@@ -1,11 +1,12 @@
 //! Pipelines, and their cache on disk.
 
-use super::choose::select::Feature;
 use super::compiled::Compiled;
-use super::device::{Context, lock};
+use super::descriptors::Layouts;
 use super::error::{During, Error};
-use super::kernel::Shader;
-use super::recording::Recording;
+use super::info::Feature;
+use super::lock::lock;
+use super::logical::Logical;
+use super::shader::Shader;
 use crate::checksum::crc32;
 use ash::vk;
 use rustc_hash::FxHashMap;
@@ -20,16 +21,15 @@ use std::time::Instant;
 const WORKGROUP: u32 = 0;
 
 /// A shader with its constants, ready to be dispatched.
+#[derive(Default)]
 pub(super) struct Pipeline {
     pub raw: vk::Pipeline,
-    pub layout: vk::PipelineLayout,
-    pub set_layout: vk::DescriptorSetLayout,
-    pub template: vk::DescriptorUpdateTemplate,
+    pub layouts: Layouts,
     module: vk::ShaderModule,
 }
 
 /// The name of a shader, and the values of its constants.
-pub(super) type Key = (&'static str, Vec<u32>);
+type Key = (&'static str, Vec<u32>);
 
 /// Pipelines of one shader, by the values of its constants.
 type Variants = FxHashMap<Vec<u32>, Arc<Pipeline>>;
@@ -40,57 +40,67 @@ pub(super) struct Pipelines {
     made: Mutex<FxHashMap<&'static str, Variants>>,
     cache: vk::PipelineCache,
     file: Option<PathBuf>,
+    /// Of devices on which nothing runs.
+    compiled: Mutex<Vec<Compiled>>,
 }
 
 impl Pipeline {
-    fn new(context: &Context, shader: &'static Shader, constants: &[u32]) -> Result<Self, Error> {
-        let mut made = Self {
-            raw: vk::Pipeline::null(),
-            layout: vk::PipelineLayout::null(),
-            set_layout: vk::DescriptorSetLayout::null(),
-            template: vk::DescriptorUpdateTemplate::null(),
-            module: vk::ShaderModule::null(),
-        };
-        if let Err(e) = made.complete(context, shader, constants) {
+    fn new(
+        logical: &Logical,
+        cache: vk::PipelineCache,
+        shader: &'static Shader,
+        constants: &[u32],
+    ) -> Result<Self, Error> {
+        let mut made = Self::default();
+        if let Err(e) = made.complete(logical, cache, shader, constants) {
             // SAFETY: no work uses what was made so far.
-            unsafe { made.destroy(&context.raw) };
+            unsafe { made.destroy(&logical.raw) };
             return Err(e);
         }
-        context.name_object(made.raw, shader.name);
-        if context.compile_only {
-            let compiled = Compiled::of(context, &(shader.name, constants.to_vec()), made.raw)?;
-            lock(&context.compiled).push(compiled);
-        }
+        logical.name(made.raw, shader.name);
         Ok(made)
     }
 
-    fn complete(&mut self, context: &Context, shader: &'static Shader, constants: &[u32]) -> Result<(), Error> {
-        let device = &context.raw;
-        let (binder, buffers) = (&context.binder, shader.bindings.len() as u32);
+    fn complete(
+        &mut self,
+        logical: &Logical,
+        cache: vk::PipelineCache,
+        shader: &'static Shader,
+        constants: &[u32],
+    ) -> Result<(), Error> {
+        let device = &logical.raw;
+        let (binder, buffers) = (&logical.binder, shader.bindings.len() as u32);
         let range =
             [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(shader.push_size)];
         let ranges = if shader.push_size > 0 { &range[..] } else { &[] };
-        let words = context.modules.words(shader)?;
+        let words = logical.modules.words(shader)?;
         let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
-        self.set_layout = binder.layout(device, buffers)?;
+        self.layouts.set = binder.layout(device, buffers)?;
         // SAFETY: the module is SPIR-V that the build validated, its layouts were reflected from the same module, and
         // every pointer outlives its call.
         unsafe {
-            let layouts = [self.set_layout];
+            let layouts = [self.layouts.set];
             let layout_info =
                 vk::PipelineLayoutCreateInfo::default().set_layouts(&layouts).push_constant_ranges(ranges);
-            self.layout = device.create_pipeline_layout(&layout_info, None).during("create pipeline layout")?;
+            self.layouts.pipeline =
+                device.create_pipeline_layout(&layout_info, None).during("create pipeline layout")?;
             self.module = device.create_shader_module(&module_info, None).during("create shader module")?;
         }
-        self.template = binder.template(device, self.set_layout, self.layout, buffers)?;
-        self.specialise(context, shader, constants)
+        self.layouts.template = binder.template(device, self.layouts.set, self.layouts.pipeline, buffers)?;
+        self.specialise(logical, cache, shader, constants)
     }
 
     /// Makes the pipeline itself: the module with its constants.
-    fn specialise(&mut self, context: &Context, shader: &'static Shader, constants: &[u32]) -> Result<(), Error> {
-        let subgroup = context.info.subgroup_size;
+    fn specialise(
+        &mut self,
+        logical: &Logical,
+        cache: vk::PipelineCache,
+        shader: &'static Shader,
+        constants: &[u32],
+    ) -> Result<(), Error> {
+        let subgroup = logical.info.subgroup_size;
         let subgroup_value = shader.subgroup_constant.map(|id| (id, subgroup));
-        let backwards_value = shader.backwards_constant.map(|id| (id, u32::from(context.disorder.is_some())));
+        let backwards_value = shader.backwards_constant.map(|id| (id, u32::from(logical.backwards)));
         let own = shader.constants.iter().copied().zip(constants.iter().copied());
         let (ids, values): (Vec<u32>, Vec<u32>) = own.clone().chain(subgroup_value).chain(backwards_value).unzip();
         let entries: Vec<_> = ids
@@ -100,29 +110,30 @@ impl Pipeline {
             .collect();
         let specialization =
             vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
-        let mut required =
-            vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default().required_subgroup_size(subgroup);
+        let mut required = logical
+            .pinned_subgroup
+            .map(|size| vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default().required_subgroup_size(size));
         let mut stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(self.module)
             .name(c"main")
             .specialization_info(&specialization);
-        if context.pins_subgroups {
-            stage = stage.push_next(&mut required);
+        if let Some(required) = &mut required {
+            stage = stage.push_next(required);
         }
         let workgroup = own.clone().find(|(id, _)| *id == WORKGROUP).map_or(1, |(_, workgroup)| workgroup);
-        if context.info.has(Feature::FullSubgroups) && workgroup.is_multiple_of(subgroup) {
+        if logical.info.has(Feature::FullSubgroups) && workgroup.is_multiple_of(subgroup) {
             stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS);
         }
-        let flags = if context.compile_only && context.executables.is_some() {
+        let flags = if logical.compile_only && logical.executables.is_some() {
             vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR
         } else {
             vk::PipelineCreateFlags::empty()
         };
-        let info = [vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(self.layout)];
+        let info = [vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(self.layouts.pipeline)];
         let begun = Instant::now();
         // SAFETY: the layouts were reflected from this module; every pointer outlives the call.
-        let made = unsafe { context.raw.create_compute_pipelines(context.pipelines.cache, &info, None) };
+        let made = unsafe { logical.raw.create_compute_pipelines(cache, &info, None) };
         self.raw = made.map_err(|(_, e)| e).during(shader.name)?[0];
         let values: Vec<String> = entries.iter().zip(&values).map(|(e, v)| format!("{}:{v}", e.constant_id)).collect();
         tracing::debug!("pipeline {} {} {:.3} s", shader.name, values.join(","), begun.elapsed().as_secs_f64());
@@ -135,9 +146,9 @@ impl Pipeline {
         // SAFETY: the caller's promise; the handles were made by this device and are destroyed once.
         unsafe {
             device.destroy_pipeline(self.raw, None);
-            device.destroy_descriptor_update_template(self.template, None);
-            device.destroy_pipeline_layout(self.layout, None);
-            device.destroy_descriptor_set_layout(self.set_layout, None);
+            device.destroy_descriptor_update_template(self.layouts.template, None);
+            device.destroy_pipeline_layout(self.layouts.pipeline, None);
+            device.destroy_descriptor_set_layout(self.layouts.set, None);
             device.destroy_shader_module(self.module, None);
         }
     }
@@ -152,19 +163,22 @@ impl Pipelines {
         let info = vk::PipelineCacheCreateInfo::default().initial_data(whole(&cached));
         // SAFETY: the data are as `save` got them from a driver, which checks their header and ignores what is not its own.
         let cache = unsafe { device.create_pipeline_cache(&info, None) }.during("create pipeline cache")?;
-        Ok(Self { made: Mutex::default(), cache, file })
+        Ok(Self { made: Mutex::default(), cache, file, compiled: Mutex::default() })
     }
 
-    /// The pipelines of a recording's dispatches, in their order. Missing ones are created in parallel.
-    pub fn of(&self, context: &Context, recording: &Recording) -> Result<Vec<Arc<Pipeline>>, Error> {
+    /// The pipelines of shaders with the values of their constants, in this order. Missing ones are created in parallel.
+    pub fn of<'a>(
+        &self,
+        logical: &Logical,
+        wanted: impl Iterator<Item = (&'static Shader, &'a [u32])> + Clone,
+    ) -> Result<Vec<Arc<Pipeline>>, Error> {
         let mut made = lock(&self.made);
-        let mut found = Vec::with_capacity(recording.commands.len());
+        let mut found = Vec::with_capacity(wanted.size_hint().1.unwrap_or(0));
         let mut missing: Vec<(Key, &'static Shader)> = Vec::new();
-        for dispatch in recording.dispatches() {
-            let (name, constants) = (dispatch.shader.name, recording.arguments.constants(dispatch));
-            match made.get(name).and_then(|variants| variants.get(constants)) {
+        for (shader, constants) in wanted.clone() {
+            match made.get(shader.name).and_then(|variants| variants.get(constants)) {
                 Some(pipeline) => found.push(Arc::clone(pipeline)),
-                None => missing.push(((name, constants.to_vec()), dispatch.shader)),
+                None => missing.push(((shader.name, constants.to_vec()), shader)),
             }
         }
         if missing.is_empty() {
@@ -173,14 +187,29 @@ impl Pipelines {
         missing.sort_unstable_by(|(a, _), (b, _)| a.cmp(b));
         missing.dedup_by(|(a, _), (b, _)| a == b);
         let mut failed = None;
-        for ((name, constants), result) in make(context, &missing) {
+        for ((name, constants), result) in make(logical, self.cache, &missing) {
             match result {
-                Ok(pipeline) => drop(made.entry(name).or_default().insert(constants, Arc::new(pipeline))),
+                Ok(pipeline) => {
+                    if logical.compile_only {
+                        match Compiled::of(logical.executables.as_ref(), (name, &constants), pipeline.raw) {
+                            Ok(compiled) => lock(&self.compiled).push(compiled),
+                            Err(e) => failed = Some(e),
+                        }
+                    }
+                    made.entry(name).or_default().insert(constants, Arc::new(pipeline));
+                }
                 Err(e) => failed = Some(e),
             }
         }
         drop(made);
-        failed.map_or_else(|| self.of(context, recording), Err)
+        failed.map_or_else(|| self.of(logical, wanted), Err)
+    }
+
+    /// Every pipeline made so far, if nothing runs on the device; ordered by name and constants.
+    pub fn compiled(&self) -> Vec<Compiled> {
+        let mut all = lock(&self.compiled).clone();
+        all.sort_by(|a, b| (a.kernel, &a.constants).cmp(&(b.kernel, &b.constants)));
+        all
     }
 
     /// Writes the driver's cache for the next process, unless it is unchanged.
@@ -232,13 +261,18 @@ fn whole(stored: &[u8]) -> &[u8] {
 
 /// Creates pipelines on as many threads as the host has cores. They are dedicated threads: a pool's thread might pick
 /// up work that waits for the lock held meanwhile.
-fn make(context: &Context, wanted: &[(Key, &'static Shader)]) -> Vec<(Key, Result<Pipeline, Error>)> {
+fn make(
+    logical: &Logical,
+    cache: vk::PipelineCache,
+    wanted: &[(Key, &'static Shader)],
+) -> Vec<(Key, Result<Pipeline, Error>)> {
     let cores = thread::available_parallelism().map_or(1, NonZero::get);
     thread::scope(|scope| {
         let threads = wanted.chunks(wanted.len().div_ceil(cores)).map(|share| {
             scope.spawn(|| {
-                let make =
-                    |(key, shader): &(Key, &'static Shader)| (key.clone(), Pipeline::new(context, shader, &key.1));
+                let make = |(key, shader): &(Key, &'static Shader)| {
+                    (key.clone(), Pipeline::new(logical, cache, shader, &key.1))
+                };
                 share.iter().map(make).collect::<Vec<_>>()
             })
         });

@@ -3,9 +3,9 @@
 //! tried) silently stops an invocation after 65,535 iterations in total: every long tile list would be cut. One
 //! submission checks both.
 
-use super::choose::select::DeviceKind;
 use super::device::Device;
 use super::error::Error;
+use super::info::DeviceKind;
 use super::recording::{Groups, Recording};
 use crate::kernels::probe::{Loop, LoopPush, LoopSpec, Subgroups, SubgroupsSpec};
 

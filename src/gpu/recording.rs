@@ -2,7 +2,8 @@
 
 use super::buffer::{Buffer, RawBuffer};
 use super::hazards::{Barrier, Hazards, Use};
-use super::kernel::{Access, Kernel, Shader};
+use super::kernel::Kernel;
+use super::shader::{Access, Shader};
 use crate::kernels::constants::counts::{FEW_GROUPS, MAX_GROUPS};
 use bytemuck::Pod;
 use std::ops::Range;
@@ -229,7 +230,7 @@ impl Recording {
     }
 
     /// The dispatches, in order.
-    pub(super) fn dispatches(&self) -> impl Iterator<Item = &Dispatch> {
+    pub(super) fn dispatches(&self) -> impl Iterator<Item = &Dispatch> + Clone {
         self.commands.iter().filter_map(|c| match c {
             Command::Dispatch(dispatch) => Some(dispatch),
             _ => None,

@@ -1,10 +1,12 @@
 //! Submitting a recording, and waiting for it.
 
 use super::buffer::Buffer;
-use super::device::{Context, Device, lock};
+use super::context::Context;
+use super::device::Device;
 use super::encode::{Encoded, Encoder, Scope};
 use super::error::{During, Error};
 use super::frame::Frame;
+use super::lock::lock;
 use super::pipeline::Pipeline;
 use super::profiler::Timings;
 use super::recording::Recording;
@@ -54,8 +56,9 @@ impl Device {
             recording.loosen();
         }
         // Pipelines first: hazards must not advance for a recording that is never submitted.
-        let mut pipelines = context.pipelines.of(context, &recording)?;
-        if context.compile_only {
+        let shaders = recording.dispatches().map(|d| (d.shader, recording.arguments.constants(d)));
+        let mut pipelines = context.pipelines.of(&context.logical, shaders)?;
+        if context.logical.compile_only {
             let (context, scopes, dispatches) = (Arc::clone(context), Vec::new(), Vec::new());
             return Ok(Ticket {
                 context,
@@ -66,9 +69,9 @@ impl Device {
                 _pipelines: pipelines,
             });
         }
-        let room = context.binder.room(&recording);
+        let room = context.logical.binder.room(recording.dispatches().map(|d| d.shader.bindings.len()));
         let timed = recording.scopes() + if context.pace.is_some() { pipelines.len() } else { 0 };
-        let mut frame = Frame::take(context, timed as u32 * 2, room)?;
+        let mut frame = context.frames.take(&context.logical.raw, context.queue.family, timed as u32 * 2, room)?;
         // The queue's lock covers deriving barriers and submitting, so that barriers match the true order of
         // submissions.
         let queue = context.queue.lock();
@@ -82,7 +85,8 @@ impl Device {
                 let fence = if at + 1 == pieces.len() { frame.fence } else { vk::Fence::null() };
                 // SAFETY: the command buffer is complete, its buffers and pipelines are kept alive by the ticket, and
                 // the queue is locked for the call.
-                unsafe { context.queue.submit(&context.raw, *queue, *commands, fence) }.during("queue submit")?;
+                unsafe { context.queue.submit(&context.logical.raw, *queue, *commands, fence) }
+                    .during("queue submit")?;
                 context.counters.submissions.fetch_add(1, Ordering::Relaxed);
                 under_way = true;
             }
@@ -103,9 +107,9 @@ impl Device {
             }),
             Err(e) => {
                 if under_way {
-                    let _ = context.queue.idle(&context.raw); // the error above says more
+                    let _ = context.queue.idle(&context.logical.raw); // the error above says more
                 }
-                lock(&context.frames).push(frame); // nothing of it is under way
+                context.frames.give_back(frame); // nothing of it is under way
                 Err(e)
             }
         }
@@ -122,17 +126,17 @@ impl Ticket {
         let Some(frame) = self.frame.take() else { return Ok(Timings::default()) };
         let timings = self.timings(&frame);
         // Its work is finished or lost: the next submission reuses it, or the context destroys it.
-        lock(&self.context.frames).push(frame);
+        self.context.frames.give_back(frame);
         timings
     }
 
     fn timings(&self, frame: &Frame) -> Result<Timings, Error> {
         let context = &self.context;
-        let (device, queue) = (&context.raw, &context.queue);
+        let (device, queue) = (&context.logical.raw, &context.queue);
         // SAFETY: the fence was submitted with this frame's work.
         unsafe { queue.wait(device, frame.fence) }.during("wait for the device")?;
         let mut timings = Timings::default();
-        let period = f64::from(context.info.timestamp_period) * 1e-9;
+        let period = f64::from(context.logical.info.timestamp_period) * 1e-9;
         let queries = self
             .scopes
             .iter()

@@ -2,7 +2,7 @@
 //!
 //! The lock belongs to the open file and is released when the process ends, however it ends.
 
-use crate::gpu::choose::select::DeviceInfo;
+use crate::gpu::info::DeviceInfo;
 use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};

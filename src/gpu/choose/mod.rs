@@ -8,8 +8,9 @@ pub(in crate::gpu) mod visible;
 
 use self::address::{PciAddress, Uuid};
 use self::lease::Lease;
+use self::properties::Candidate;
 use crate::gpu::error::Error;
-use select::{Candidate, DeviceInfo};
+use crate::gpu::info::DeviceInfo;
 use std::path::Path;
 
 /// The device that the user asked for.
@@ -23,7 +24,7 @@ enum Wish {
     Uuid(Uuid),
     /// The one at this PCI address.
     Pci(PciAddress),
-    /// The one of this index; failing that, one whose name contains the text.
+    /// The one of this index, if it is a number; otherwise one whose name contains the text.
     Text(String),
 }
 
@@ -34,6 +35,7 @@ impl Wish {
             Some(("uuid", uuid)) => uuid.parse().map(Self::Uuid),
             Some(("pci", address)) => address.parse().map(Self::Pci),
             _ if text == "free" => Ok(Self::Free),
+            _ if text.is_empty() => Ok(Self::Best),
             _ => Ok(Self::Text(text.to_owned())),
         };
         parsed.map_err(Error::Address)
@@ -70,8 +72,10 @@ fn position(all: &[(&DeviceInfo, usize)], wish: &Wish) -> Option<usize> {
             let named = |i: &usize| all[*i].0.name.to_lowercase().contains(&lower);
             let mut visible: Vec<usize> = (0..all.len()).filter(|i| all[*i].0.hidden_by.is_none()).collect();
             visible.sort_by_key(|i| all[*i].1);
-            let by_index = text.parse::<usize>().ok().filter(|i| *i < all.len());
-            by_index.or_else(|| visible.into_iter().find(named))
+            match text.parse::<usize>() {
+                Ok(index) => Some(index).filter(|i| *i < all.len()),
+                Err(_) => visible.into_iter().find(named),
+            }
         }
     }
 }
@@ -121,8 +125,7 @@ fn unknown(all: &[(&DeviceInfo, usize)], wanted: Option<&str>) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::tuning::DeviceClass;
-    use select::DeviceKind;
+    use crate::gpu::info::{DeviceClass, DeviceKind};
 
     fn device(index: usize, name: &str, kind: DeviceKind) -> DeviceInfo {
         DeviceInfo {
@@ -171,6 +174,8 @@ mod tests {
             (Some("LLVM"), Some(0)),
             (Some("1"), Some(1)),
             (Some("4"), None),
+            (Some("200"), None),
+            (Some(""), Some(3)),
             (Some("uuid:GPU-01010101-0101-0101-0101-010101010101"), Some(1)),
             (Some("uuid:09010101010101010101010101010101"), None),
             (Some("pci:30:00.0"), Some(2)),

@@ -1,10 +1,9 @@
 //! Properties of a device as Vulkan reports them.
 
 use crate::gpu::choose::address::{PciAddress, Uuid};
-use crate::gpu::choose::select::{Candidate, DeviceInfo, DeviceKind, Feature};
-use crate::gpu::compiled;
+use crate::gpu::choose::lease::Lease;
 use crate::gpu::error::{During, Error};
-use crate::gpu::tuning::DeviceClass;
+use crate::gpu::info::{DeviceClass, DeviceInfo, DeviceKind, Feature};
 use crate::kernels::needs;
 use ash::{ext, khr, vk};
 use std::ffi::CStr;
@@ -14,6 +13,20 @@ pub(in crate::gpu) const SHARED_BYTES: u32 = 16 << 10;
 
 /// Subgroup size on Intel's GPUs.
 const INTEL_SUBGROUP: u32 = 16;
+
+/// A physical device that may be opened.
+pub(in crate::gpu) struct Candidate {
+    pub physical: vk::PhysicalDevice,
+    pub queue_family: u32,
+    pub pipeline_cache_uuid: [u8; 16],
+    /// Bytes of the heap of [`DeviceInfo::memory_bytes`] that are free for this program, as reported by the driver.
+    pub free_bytes: Option<u64>,
+    /// Its place among devices of its kind, in the environment's order or Vulkan's.
+    pub place: usize,
+    /// The lease, if it was chosen by lease.
+    pub lease: Option<Lease>,
+    pub info: DeviceInfo,
+}
 
 /// Vulkan's report on a physical device. The structures' own pointers to each other are never followed.
 #[derive(Default)]
@@ -66,7 +79,7 @@ impl Report {
             ext::shader_atomic_float::NAME,
             ext::memory_budget::NAME,
             khr::push_descriptor::NAME,
-            compiled::EXTENSION,
+            khr::pipeline_executable_properties::NAME,
             ext::pci_bus_info::NAME,
             khr::maintenance4::NAME,
             khr::shader_subgroup_uniform_control_flow::NAME,
@@ -280,7 +293,7 @@ impl Report {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::tuning::TuningChoice;
+    use crate::gpu::tuning::choice::TuningChoice;
 
     /// The report of a Mac with Apple's GPU through a version of MoltenVK.
     fn moltenvk(version: u32) -> Report {

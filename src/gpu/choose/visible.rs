@@ -1,7 +1,7 @@
 //! Devices that the environment hides. Cluster schedulers assign GPUs to jobs by variables that Vulkan ignores.
 
 use crate::gpu::choose::address::{PciAddress, Uuid};
-use crate::gpu::choose::select::{DeviceInfo, DeviceKind};
+use crate::gpu::info::{DeviceInfo, DeviceKind};
 
 /// PCI vendors.
 const NVIDIA: u32 = 0x10de;

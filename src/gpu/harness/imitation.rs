@@ -1,6 +1,6 @@
 //! Imitated devices, for tests: tighter limits, and a driver that reports a wrong subgroup size.
 
-use crate::gpu::choose::select::{DeviceInfo, Feature};
+use crate::gpu::info::{DeviceInfo, Feature};
 use std::str::FromStr;
 
 /// Upper bounds on a device's reported limits. The numbers for makers are typical, not those of a certain driver.

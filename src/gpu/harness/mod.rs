@@ -1,8 +1,10 @@
 //! Test options of a device: other limits, faults on demand, other orders of work, guarded buffers, mutated shaders.
 
+mod device;
 pub(in crate::gpu) mod fault;
 pub(in crate::gpu) mod imitation;
 pub(in crate::gpu) mod order;
+mod permute;
 pub(in crate::gpu) mod red_zone;
 
 pub use fault::{Answer, Call, Fault};

@@ -2,14 +2,13 @@
 //! ends in a red zone that no kernel may touch. Descriptors include the red zone: a stray store lands there instead of
 //! being dropped.
 
-use crate::gpu::buffer::{RawBuffer, Storage};
-use crate::gpu::device::{Context, Device, lock};
+use crate::gpu::lock::lock;
 use crate::random;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, Weak};
 
 /// Bytes of a red zone: wider than any one invocation's store.
-const RED_ZONE: u64 = 256;
+pub(in crate::gpu) const BYTES: u64 = 256;
 /// A quiet NaN as a float; as a count it is large enough to be noticed.
 const POISON: u32 = 0x7fc0_dead;
 
@@ -19,61 +18,56 @@ fn red_zone_of(number: u64) -> impl Iterator<Item = u32> {
     (0..).map(move |k| 0x7fc0_0000 | (random::bits(&[number, k]) as u32 & 0x003f_ffff))
 }
 
+/// Fills a new buffer of this number: its contents and its red zone.
+pub(in crate::gpu) fn fill(number: u64, (contents, red_zone): (&mut [u8], &mut [u8])) {
+    contents.chunks_exact_mut(4).for_each(|word| word.copy_from_slice(&POISON.to_ne_bytes()));
+    for (word, own) in red_zone.chunks_exact_mut(4).zip(red_zone_of(number)) {
+        word.copy_from_slice(&own.to_ne_bytes());
+    }
+}
+
+/// A buffer with a red zone.
+pub(in crate::gpu) trait Guarded: Send + Sync {
+    /// Its number, which no other buffer has.
+    fn number(&self) -> u64;
+    /// Its name in messages.
+    fn name(&self) -> &str;
+    /// The bytes of its red zone.
+    fn red_zone(&self) -> &[u8];
+}
+
 /// The guarded buffers of a device, and those whose red zone was overwritten.
 #[derive(Default)]
 pub(in crate::gpu) struct Guards {
-    alive: Mutex<HashMap<u64, Weak<Storage>>>,
+    alive: Mutex<HashMap<u64, Weak<dyn Guarded>>>,
     overrun: Mutex<Vec<String>>,
 }
 
 impl Guards {
-    /// Fills a new buffer and its red zone, and watches it from now on.
-    pub fn watch(&self, buffer: &mut RawBuffer) {
-        let (number, end) = (buffer.number(), buffer.bytes() as usize);
-        let (body, red_zone) = buffer.mapped_mut().split_at_mut(end);
-        body.chunks_exact_mut(4).for_each(|word| word.copy_from_slice(&POISON.to_ne_bytes()));
-        for (word, own) in red_zone.chunks_exact_mut(4).zip(red_zone_of(number)) {
-            word.copy_from_slice(&own.to_ne_bytes());
-        }
-        lock(&self.alive).insert(buffer.number(), Arc::downgrade(&buffer.0));
+    /// Watches a filled buffer from now on.
+    pub fn watch(&self, number: u64, buffer: Weak<dyn Guarded>) {
+        lock(&self.alive).insert(number, buffer);
     }
 
     /// Checks the red zone of a dropped buffer.
-    pub fn leave(&self, storage: &Storage) {
-        lock(&self.alive).remove(&storage.number);
-        if is_overrun(storage) {
-            lock(&self.overrun).push(storage.name.clone());
+    pub fn leave(&self, buffer: &dyn Guarded) {
+        lock(&self.alive).remove(&buffer.number());
+        if is_overrun(buffer) {
+            lock(&self.overrun).push(buffer.name().to_owned());
         }
     }
-}
 
-fn is_overrun(storage: &Storage) -> bool {
-    let red_zone = storage.bytes as usize..(storage.bytes + storage.red_zone) as usize;
-    let mapped = storage.mapped().get(red_zone).unwrap_or_default();
-    mapped.chunks_exact(4).zip(red_zone_of(storage.number)).any(|(word, own)| word != own.to_ne_bytes())
-}
-
-impl Context {
-    /// Bytes to add behind a storage buffer.
-    pub fn red_zone(&self) -> u64 {
-        if self.guards.is_some() { RED_ZONE } else { 0 }
-    }
-}
-
-impl Device {
-    /// Names of the buffers, alive or dropped, behind whose end a kernel wrote; always empty unless the device was
-    /// opened with [`crate::gpu::Harness::guarded`]. All submitted work must have been waited for.
-    pub fn overrun_buffers(&self) -> Vec<String> {
-        let Some(guards) = &self.context().guards else { return Vec::new() };
+    /// Names of the buffers, alive or dropped, behind whose end a kernel wrote.
+    pub fn overrun(&self) -> Vec<String> {
         // Strong references first: dropping the last one here takes the lock itself.
-        let alive: Vec<Arc<Storage>> = lock(&guards.alive).values().filter_map(Weak::upgrade).collect();
-        let mut names = lock(&guards.overrun).clone();
-        names.extend(alive.iter().filter(|s| is_overrun(s)).map(|s| s.name.clone()));
+        let alive: Vec<Arc<dyn Guarded>> = lock(&self.alive).values().filter_map(Weak::upgrade).collect();
+        let mut names = lock(&self.overrun).clone();
+        names.extend(alive.iter().filter(|buffer| is_overrun(&***buffer)).map(|buffer| buffer.name().to_owned()));
         names
     }
+}
 
-    /// Whether buffers are guarded.
-    pub fn guards(&self) -> bool {
-        self.context().guards.is_some()
-    }
+fn is_overrun(buffer: &dyn Guarded) -> bool {
+    let words = buffer.red_zone().chunks_exact(4);
+    words.zip(red_zone_of(buffer.number())).any(|(word, own)| word != own.to_ne_bytes())
 }

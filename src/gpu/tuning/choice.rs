@@ -1,7 +1,7 @@
 //! The tuning that a user asks for: a row of the table, with individual fields replaced.
 
-use crate::gpu::choose::select::DeviceInfo;
 use crate::gpu::error::Error;
+use crate::gpu::info::DeviceInfo;
 use crate::gpu::tuning::{DeviceClass, Tuning};
 use serde_json::Value;
 use std::str::FromStr;

@@ -8,61 +8,8 @@ pub(in crate::gpu) mod store;
 pub(in crate::gpu) mod variants;
 
 use crate::gpu::choose::properties::SHARED_BYTES;
-use crate::gpu::choose::select::DeviceInfo;
-use crate::wording::{named, unknown};
-pub use choice::TuningChoice;
+use crate::gpu::info::{DeviceClass, DeviceInfo};
 use serde::{Deserialize, Serialize};
-use std::str::FromStr;
-pub use variants::{Variant, variants};
-
-named! {
-    /// Classes of devices, one per row of the table.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-    #[serde(rename_all = "lowercase")]
-    pub enum DeviceClass {
-        /// A CPU; lanes are the CPU's.
-        Cpu = "cpu",
-        /// A CPU under SwiftShader, whose compilers have limits of their own.
-        SwiftShader = "swiftshader",
-        /// A GPU of another maker.
-        Gpu = "gpu",
-        /// A GPU by NVIDIA.
-        Nvidia = "nvidia",
-        /// A GPU by AMD.
-        Amd = "amd",
-        /// A GPU by Intel.
-        Intel = "intel",
-        /// A GPU by Apple.
-        Apple = "apple",
-        /// A GPU by Qualcomm.
-        Qualcomm = "qualcomm",
-    }
-}
-
-impl DeviceClass {
-    /// The class of a device, CPU or not, from its vendor's number in the Vulkan (or PCI) registry.
-    pub(in crate::gpu) fn of(is_cpu: bool, vendor: u32) -> Self {
-        match (is_cpu, vendor) {
-            (true, 0x1ae0) => Self::SwiftShader,
-            (true, _) => Self::Cpu,
-            (_, 0x10de) => Self::Nvidia,
-            (_, 0x1002) => Self::Amd,
-            (_, 0x8086) => Self::Intel,
-            (_, 0x106b) => Self::Apple,
-            (_, 0x5143) => Self::Qualcomm,
-            _ => Self::Gpu,
-        }
-    }
-}
-
-impl FromStr for DeviceClass {
-    type Err = String;
-
-    fn from_str(name: &str) -> Result<Self, String> {
-        let found = Self::ALL.into_iter().find(|class| class.name() == name.to_lowercase());
-        found.ok_or_else(|| unknown(name, "a class of devices", Self::ALL.map(Self::name)))
-    }
-}
 
 /// Tuning of the kernels on one device; other code reads it through [`crate::gpu::Device::tuning`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -255,7 +202,7 @@ impl Tuning {
             return Err(format!("subgroup = {}, but {} has subgroups of {subgroup}", self.subgroup, info.name));
         }
         let need = |holds: bool, field: &str, what: &str| {
-            if holds { Ok(()) } else { Err(format!("{field} is to be {what} on {}", info.name)) }
+            if holds { Ok(()) } else { Err(format!("{field} must be {what} on {}", info.name)) }
         };
         let pixels = self.tile * self.tile;
         need([8, 16].contains(&self.tile), "tile", "8 or 16")?;
@@ -322,23 +269,6 @@ impl Tuning {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn classes_by_kind_and_maker() {
-        assert_eq!(DeviceClass::of(true, 0x8086), DeviceClass::Cpu);
-        assert_eq!(DeviceClass::of(false, 0x8086), DeviceClass::Intel);
-        assert_eq!(DeviceClass::of(true, 0x1ae0), DeviceClass::SwiftShader);
-        assert_eq!(DeviceClass::of(false, 0x1234), DeviceClass::Gpu);
-    }
-
-    #[test]
-    fn names_of_classes() {
-        for class in DeviceClass::ALL {
-            assert_eq!(class.to_string().to_uppercase().parse::<DeviceClass>().ok(), Some(class));
-        }
-        let error = "riva".parse::<DeviceClass>().unwrap_err();
-        assert!(error.contains("'riva'") && error.contains("nvidia"), "{error}");
-    }
 
     #[test]
     fn shapes_fit_every_subgroup() {

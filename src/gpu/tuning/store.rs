@@ -1,7 +1,7 @@
 //! The fastest tuning measured on a device, stored in the cache folder for later runs.
 
-use crate::gpu::choose::select::DeviceInfo;
 use crate::gpu::device::Device;
+use crate::gpu::info::DeviceInfo;
 use crate::gpu::tuning::Tuning;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;

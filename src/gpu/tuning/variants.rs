@@ -1,6 +1,6 @@
 //! Tunings worth measuring on a device: its class's row, and rows that differ from it in one respect.
 
-use crate::gpu::choose::select::DeviceInfo;
+use crate::gpu::info::DeviceInfo;
 use crate::gpu::tuning::Tuning;
 use serde_json::Value;
 
