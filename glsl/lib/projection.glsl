@@ -57,7 +57,7 @@ Projection project(View v, vec3 mean, vec3 log_scale, vec4 quaternion) {
     vec3 t = camera * offset;
     if (!finite(t) || !finite(log_scale) || t.z <= v.centre.w || !rotation_of(quaternion, p.rotation, p.unit, p.norm)) return p;
 
-    vec2 clamped = clamp(t.xy / t.z, -v.tangent_limit, v.tangent_limit);
+    vec2 clamped = clamp(t.xy / t.z, least_slope(v), most_slope(v));
     // Rows of the Jacobian times the rotated axes: the covariance then consists of dot products, and its determinant is
     // the square of a cross product, which cannot become negative.
     mat3 axes = camera * p.rotation;

@@ -60,7 +60,10 @@ uint densest_at(View v, Densest d, vec2 ray) {
     float depth = dot(along, d.position) / dot(along, along);
     // For a disc seen edge-on it is 0 / 0.
     if (nan(depth)) depth = d.depth;
-    return floatBitsToUint(max(clamp(depth, d.depth - d.reach, d.depth + d.reach), v.centre.w));
+    depth = clamp(depth, d.depth - d.reach, d.depth + d.reach);
+    // Those before the near plane keep their order, between 0 and it.
+    float near = v.centre.w;
+    return floatBitsToUint(depth < near ? near * (near / (2 * near - depth)) : depth);
 }
 
 // A Gaussian whose pairs are being written.

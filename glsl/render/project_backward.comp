@@ -220,7 +220,7 @@ Gradient backward(uint i, vec3 mean, Projection p, vec3 k, Sums s) {
                           dot(v.rotation[2].xyz, p.rotation[2])) * p.scale;
     float along_x = dot(w.e_x, depth_row), along_y = dot(w.e_y, depth_row);
     vec2 slope = p.position.xy / z;
-    vec2 free = vec2(lessThanEqual(abs(slope), v.tangent_limit));
+    vec2 free = vec2(greaterThanEqual(slope, least_slope(v))) * vec2(lessThanEqual(slope, most_slope(v)));
     vec2 by_slope = v.focal * (g.mean2d - free * vec2(k.x * along_x, k.y * along_x + k.z * along_y) / z);
     float by_z = -(dot(slope, by_slope) + g.log_scale.x + g.log_scale.y + g.log_scale.z) / z;
     if (DEPTHS) by_z += s.position.w;

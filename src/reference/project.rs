@@ -13,7 +13,7 @@ use super::{Params, Settings};
 use crate::gaussians::{MAX_SH_DEGREE, sh};
 use crate::kernels::constants::blending::float64::{ALPHA_MIN, ALPHA_MIN_INVERSE};
 use crate::kernels::constants::projection::float64::{MIN_ANTIALIAS, MIN_QUATERNION};
-use crate::kernels::constants::view::float64::FIELD_MARGIN;
+use crate::kernels::constants::view::float64::{FIELD_BEYOND, FIELD_MARGIN};
 use crate::scene::camera::Camera;
 
 /// Reason for leaving a Gaussian out of a view.
@@ -176,9 +176,13 @@ pub fn geometry(params: &Params, i: usize, camera: &Camera, settings: &Settings)
 
     let densest = Densest::new(camera, position, log_scale, quaternion, v.row(2));
     let limit = FIELD_MARGIN * 0.5 * DVec2::new(f64::from(camera.width), f64::from(camera.height)) / camera.focal;
+    let middle = DVec2::new(f64::from(camera.width / 2), f64::from(camera.height / 2));
+    let middle = (middle - camera.principal) / camera.focal;
+    let beyond = FIELD_BEYOND / FIELD_MARGIN * limit;
+    let (least, most) = ((-limit).min(middle - beyond), limit.max(middle + beyond));
     let unclamped = position.truncate() / z;
-    let slope = unclamped.clamp(-limit, limit);
-    let free = [unclamped.x.abs() <= limit.x, unclamped.y.abs() <= limit.y];
+    let slope = unclamped.clamp(least, most);
+    let free = (unclamped.cmpge(least) & unclamped.cmple(most)).into();
     let t0 = camera.focal.x / z * (v.row(0) - slope.x * v.row(2));
     let t1 = camera.focal.y / z * (v.row(1) - slope.y * v.row(2));
 

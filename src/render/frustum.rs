@@ -2,7 +2,7 @@
 
 use super::settings::{Culling, Settings};
 use crate::gaussians::Gaussians;
-use crate::kernels::constants::view::float64::FIELD_MARGIN;
+use crate::kernels::constants::view::float64::{FIELD_BEYOND, FIELD_MARGIN};
 use crate::scene::camera::{Camera, Whole};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -31,7 +31,8 @@ impl Axis {
         let margin = MARGIN + DEVIATIONS * f64::from(dilation).sqrt();
         let slope = |pixel: f64| (pixel - principal) / focal;
         let (low, high) = (slope(f64::from(from) - margin), slope(f64::from(to) + margin));
-        let steepest = FIELD_MARGIN * 0.5 * f64::from(whole) / focal;
+        let half = 0.5 * f64::from(whole) / focal;
+        let steepest = (FIELD_MARGIN * half).max(slope(f64::from(whole / 2)).abs() + FIELD_BEYOND * half);
         let slack = ROUNDING * (1.0 + low.abs().max(high.abs()));
         Self { low, high, reach: DEVIATIONS * (1.0 + steepest * steepest).sqrt(), slack }
     }

@@ -3,7 +3,7 @@
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish, opened};
 use bytemuck::cast_slice;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Buffer, Device, Error, Limits, Recording};
@@ -89,6 +89,32 @@ fn parts_have_the_pixels_of_the_whole() {
         }
     }
     assert!(several > 9, "{several}");
+    finish(&device);
+}
+
+/// Part of a photo, with a camera of its own whose principal point lies outside, as crops and faces of fisheyes have.
+#[test]
+fn crops_have_the_pixels_of_the_whole() {
+    let device = device();
+    let mut model = cloud(2000, 3);
+    model.log_scales.iter_mut().flatten().for_each(|s| *s = s.min(-3.0));
+    let camera = &cameras()[0];
+    for settings in [Settings::default(), Style { antialias: true, ..Style::default() }.over([0.1, 0.2, 0.3])] {
+        let right = whole(&device, &model, camera, settings);
+        for corner in [[0, 0], [109, 35], [60, 20]] {
+            let mut crop = Camera { width: 64, height: 64, ..camera.clone() };
+            crop.principal -= DVec2::new(f64::from(corner[0]), f64::from(corner[1]));
+            let image = whole(&device, &model, &crop, settings);
+            let pixel = |k: usize| {
+                let (x, y) = (k as u32 % 64 + corner[0], k as u32 / 64 + corner[1]);
+                right.pixels[(y * right.width + x) as usize]
+            };
+            let apart = |k: usize| (0..4).map(|c| (image.pixels[k][c] - pixel(k)[c]).abs()).fold(0.0, f32::max);
+            let most = (0..image.pixels.len()).map(apart).fold(0.0, f32::max);
+            // With slopes clamped about the axis it was 0.2.
+            assert!(most < 1e-4, "the crop at {corner:?} is {most} off");
+        }
+    }
     finish(&device);
 }
 

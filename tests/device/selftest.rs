@@ -70,7 +70,7 @@ const MISTAKES: [(&str, &str, Mistake); 3] = [
         "flat discs",
         Mistake {
             file: "render/project_backward.comp",
-            right: "vec2(lessThanEqual(abs(slope), v.tangent_limit))",
+            right: "vec2(greaterThanEqual(slope, least_slope(v))) * vec2(lessThanEqual(slope, most_slope(v)))",
             wrong: "vec2(1)",
             shaders: &["render/project_backward"],
         },

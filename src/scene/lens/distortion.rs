@@ -4,6 +4,8 @@ use glam::{DMat2, DVec2};
 
 use super::curve::Curve;
 
+/// Points between the axis and another one at which folds are looked for.
+const ON_THE_WAY: u32 = 32;
 /// Radius below which a curve is practically linear.
 pub(super) const LEAST: f64 = 1e-9;
 
@@ -69,6 +71,13 @@ impl Distortion {
         DMat2::from_cols(column(DVec2::new(h, 0.0)), column(DVec2::new(0.0, h)))
     }
 
+    /// Returns true if [`Self::bend`] does not fold between the axis and a point. The determinant at the point alone does not
+    /// tell: behind a fold all around the axis it may be positive again, for points shown on the other side of the axis.
+    pub(in crate::scene) fn is_unfolded(&self, w: DVec2) -> bool {
+        let shares = (1..=ON_THE_WAY).map(|k| f64::from(k) / f64::from(ON_THE_WAY));
+        shares.rev().all(|share| self.jacobian(share * w).determinant() > 0.0)
+    }
+
     /// Inverse of [`Self::bend`] on the branch that contains the axis, by damped Newton steps from the bent point.
     pub(super) fn unbend(&self, bent: DVec2) -> Option<DVec2> {
         let mut w = bent;
@@ -82,7 +91,7 @@ impl Distortion {
             let next = loop {
                 let next = w - step * share;
                 let next_error = self.bend(next) - bent;
-                if next_error.length() < error.length() {
+                if next_error.length() < error.length() && self.is_unfolded(next) {
                     break Some((next, next_error));
                 }
                 share *= 0.5;
@@ -95,6 +104,6 @@ impl Distortion {
                 None => break,
             }
         }
-        (error.length() <= 1e-11 * (1.0 + bent.length()) && self.jacobian(w).determinant() > 0.0).then_some(w)
+        (error.length() <= 1e-11 * (1.0 + bent.length()) && self.is_unfolded(w)).then_some(w)
     }
 }

@@ -91,7 +91,7 @@ impl Lens {
                 let source = self.project(point);
                 let inside = source.cmpge(DVec2::splat(0.5 - slack)).all() && source.cmple(size - 0.5 + slack).all();
                 let bent = self.distortion.curved(point);
-                inside && self.distortion.jacobian(bent).determinant() > 0.0
+                inside && self.distortion.is_unfolded(bent)
             })
         })
     }

@@ -61,6 +61,35 @@ fn twin(camera: &Camera, tile: u32, depth_order: bool) -> Vec<[f64; 3]> {
     reference::render(&Params::from(&crossed()), camera, &settings).composite.image
 }
 
+/// Two discs whose densest points on the rays through most tiles lie before the near plane.
+#[test]
+fn what_is_densest_before_the_near_plane_has_an_order() {
+    let device = device();
+    let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.8, SIZE[0], SIZE[1]);
+    let mut model = Gaussians::zeroed(2, 0);
+    for (i, (mean, size)) in [([-4.0, 0.0, 1.0], 4.0_f32), ([-3.0, 0.0, 0.6], 3.0)].into_iter().enumerate() {
+        model.means[i] = mean;
+        model.log_scales[i] = [size.ln(); 3];
+        model.rotations[i] = [1.0, 0.0, 0.0, 0.0];
+        model.opacity_logits[i] = 2.0;
+        model.sh[0][3 * i..3 * i + 3].copy_from_slice(if i == 0 { &[1.7, -1.7, -1.7] } else { &[-1.7, -1.7, 1.7] });
+    }
+    let settings = Style { depth_order: true, ..Style::default() }.over([0.0; 3]);
+    let drawn = |model: &Gaussians| {
+        let mut renderer = Renderer::new(&device, settings, 2, camera.width, camera.height).unwrap();
+        let resident = Resident::upload(&device, model).unwrap();
+        (renderer.render(&resident, &camera).unwrap(), renderer.tile())
+    };
+    let (image, tile) = drawn(&model);
+    let (turned, _) = drawn(&model.select(&[1, 0]));
+    assert!(image.pixels == turned.pixels, "the order in the file decides");
+    let exact = reference::Settings { tile, depth_order: true, ..Default::default() };
+    let right = reference::render(&Params::from(&model), &camera, &exact).composite.image;
+    let off = apart(colours(&image), right.into_iter());
+    assert!(off < 1e-6, "{off:e} from the twin's");
+    finish(&device);
+}
+
 /// With depth order the picture is far closer to that of an order per pixel than without it.
 #[test]
 fn leaves_of_a_door_are_both_before_each_other() {

@@ -45,6 +45,25 @@ fn opencv_values_agree_with_the_formula_by_hand() {
     assert!((fisheye.distort(DVec2::X).x - std::f64::consts::FRAC_PI_4).abs() < 1e-15);
 }
 
+/// Lenses that fold between the middle of the picture's edges and its corners: the rays of corners have mirror images behind the fold.
+#[test]
+fn lenses_that_fold_in_the_corners_alone_are_undone() {
+    let lens = |model, bends: &[f64]| {
+        let [width, height] = [200, 150];
+        Lens::from_colmap(model, width, height, &[&[150.0, 100.0, 75.0], bends].concat()).unwrap()
+    };
+    for (bends, focal) in [([-0.25, 0.0], 139.3), ([-0.3, 0.0], 136.6), ([-0.3, 0.02], 136.9), ([-0.4, 0.05], 131.5)] {
+        let lens = lens(LensModel::Radial, &bends);
+        let ideal = lens.ideal().expect("most of the photo is not folded");
+        assert!((ideal.focal.x - focal).abs() < 0.1, "{bends:?}: {}", ideal.focal.x);
+        let corner = lens.undistort((DVec2::splat(0.5) - lens.principal) / lens.focal);
+        assert!(corner.is_none_or(|ray| ray.x < 0.0 && ray.y < 0.0), "{bends:?}: {corner:?}");
+    }
+    for bend in [-0.3, -0.33, -0.34, -0.35] {
+        assert!(lens(LensModel::SimpleRadial, &[bend]).ideal().is_some(), "{bend}");
+    }
+}
+
 #[test]
 fn ideal_pinholes_show_nothing_beyond_the_photo() {
     for model in LensModel::ALL {
