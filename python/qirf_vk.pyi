@@ -6,6 +6,7 @@ OSErrors for files, MemoryError, DeviceError, and KeyboardInterrupt after Ctrl-C
 """
 
 from os import PathLike
+from pathlib import Path
 from typing import Any, Callable, Optional, Sequence, Union, overload
 
 import numpy as np
@@ -13,12 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 __version__: str
 
-Path = Union[str, PathLike[str]]
-Vector = Sequence[float]
-Resolution = Union[int, str]
-Step = dict[str, Any]
-OnStep = Callable[[Step], None]
-OnProgress = Callable[[str, int, int], None]
+_Path = Union[str, PathLike[str]]
+_Vector = Union[Sequence[float], NDArray[Any]]
+_Resolution = Union[int, str]
+_Size = Union[tuple[int, int], Sequence[int]]
+_Step = dict[str, Any]
+_OnStep = Callable[[_Step], None]
+_OnProgress = Callable[[str, int, int], None]
 
 class DeviceError(RuntimeError):
     """A device that is missing, unsuitable or lost, or that computes wrong numbers."""
@@ -51,8 +53,9 @@ class Model:
     """A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory."""
 
     @staticmethod
-    def load(path: Path) -> Model:
-        """Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out."""
+    def load(path: _Path) -> Model:
+        """Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out,
+        with a UserWarning."""
 
     @staticmethod
     def from_arrays(
@@ -63,7 +66,7 @@ class Model:
         sh: Union[Sequence[ArrayLike], ArrayLike],
         *,
         antialiased: bool = False,
-        origin: Vector = (0.0, 0.0, 0.0),
+        origin: _Vector = (0.0, 0.0, 0.0),
     ) -> Model:
         """Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
 
@@ -71,7 +74,7 @@ class Model:
         (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see Model.origin.
         """
 
-    def save(self, path: Path) -> None:
+    def save(self, path: _Path) -> None:
         """Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json beside it."""
 
     @property
@@ -110,22 +113,22 @@ class Model:
     def transform(self, matrix: ArrayLike) -> Model:
         """Applies a similarity, (3, 4) or (4, 4), and rotates the spherical harmonics accordingly."""
 
-    def move_by(self, offset: Vector) -> Model:
+    def move_by(self, offset: _Vector) -> Model:
         """Translates by (x, y, z) in world units."""
 
-    def turn(self, axis: Vector, degrees: float) -> Model:
+    def turn(self, axis: _Vector, degrees: float) -> Model:
         """Rotates about an axis through the origin (right-handed)."""
 
     def scale(self, factor: float) -> Model:
         """Scales about the origin."""
 
-    def crop_box(self, low: Vector, high: Vector, *, outside: bool = False) -> Model:
+    def crop_box(self, low: _Vector, high: _Vector, *, outside: bool = False) -> Model:
         """Keeps the Gaussians with their centre in an axis-aligned box, or outside of it."""
 
-    def crop_ball(self, centre: Vector, radius: float, *, outside: bool = False) -> Model:
+    def crop_ball(self, centre: _Vector, radius: float, *, outside: bool = False) -> Model:
         """Keeps the Gaussians with their centre in a sphere, or outside of it."""
 
-    def crop_views(self, scene: Path, *, least: int = 1, outside: bool = False) -> Model:
+    def crop_views(self, scene: _Path, *, least: int = 1, outside: bool = False) -> Model:
         """Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others."""
 
     def with_degree(self, degree: int) -> Model:
@@ -142,8 +145,8 @@ class Model:
         kind: str,
         *,
         ratio: float = 100.0,
-        scene: Optional[Path] = None,
-        resolution: Optional[Resolution] = None,
+        scene: Optional[_Path] = None,
+        resolution: Optional[_Resolution] = None,
         device: Optional[Device] = None,
     ) -> Model:
         """Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one; or
@@ -165,22 +168,31 @@ class Camera:
     """A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).
 
     k: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
-    near: near plane, in world units along the camera's axis; closer Gaussians are not drawn.
+    near: near plane, in world units along the camera's axis; closer Gaussians are not drawn. 0.2 by default, which small models need less of:
+    the cameras of `orbit` have one that fits.
     """
 
-    def __init__(self, k: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], *, near: Optional[float] = None) -> None: ...
+    def __init__(self, k: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None) -> None: ...
 
     @staticmethod
     def look_at(
-        eye: Vector,
-        target: Vector = (0.0, 0.0, 0.0),
+        eye: _Vector,
+        target: _Vector = (0.0, 0.0, 0.0),
         *,
-        up: Vector = (0.0, -1.0, 0.0),
+        up: _Vector = (0.0, -1.0, 0.0),
         fov: float = 40.0,
-        size: tuple[int, int] = (1280, 720),
+        size: _Size = (1280, 720),
         near: Optional[float] = None,
     ) -> Camera:
         """A camera at `eye` that looks at `target`; fov is vertical, in degrees."""
+
+    @property
+    def near(self) -> Optional[float]:
+        """The near plane, in world units along the camera's axis; None for the usual distance, 0.2."""
+
+    @property
+    def centre(self) -> tuple[float, float, float]:
+        """The camera's place in the world, (x, y, z)."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -198,33 +210,52 @@ def orbit(
     model: Model,
     count: int,
     *,
-    size: tuple[int, int] = (1280, 720),
+    size: _Size = (1280, 720),
     fov: float = 40.0,
     elevation: float = 15.0,
-    up: Vector = (0.0, -1.0, 0.0),
+    up: _Vector = (0.0, -1.0, 0.0),
 ) -> list[Camera]:
     """Cameras on a circle around a model, those of `qirf-vk render --orbit`; fov is vertical, elevation above the horizon, in degrees."""
 
 class Renderer:
     """Draws pictures of one model, in parts if the device cannot hold it.
 
-    background: red, green and blue in [0, 1]. A renderer keeps the model on the device, so use one renderer for many pictures.
+    background: red, green and blue in [0, 1]. antialias, dilation (in square pixels) and depth_order: as in `qirf-vk render`; by default
+    anti-aliased if the model is, with a dilation of 0.1 then and of 0.3 otherwise. A renderer keeps the model on the device, so use one
+    renderer for many pictures.
     """
 
-    def __init__(self, model: Model, device: Optional[Device] = None, *, background: Vector = (0.0, 0.0, 0.0)) -> None: ...
+    def __init__(
+        self,
+        model: Model,
+        device: Optional[Device] = None,
+        *,
+        background: _Vector = (0.0, 0.0, 0.0),
+        antialias: Optional[bool] = None,
+        dilation: Optional[float] = None,
+        depth_order: bool = False,
+    ) -> None: ...
     @overload
-    def render(self, camera: Camera) -> NDArray[np.float32]: ...
+    def render(self, camera: Camera, *, near: Optional[float] = None) -> NDArray[np.float32]: ...
     @overload
-    def render(self, camera: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int]) -> NDArray[np.float32]:
+    def render(
+        self, camera: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None
+    ) -> NDArray[np.float32]:
         """A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose
         (3, 4) or (4, 4), and width and height. The bytes are those of `qirf-vk render --format npy`.
         """
 
     @overload
-    def depth(self, camera: Camera, *, kind: str = "expected") -> NDArray[np.float32]: ...
+    def depth(self, camera: Camera, *, kind: str = "expected", near: Optional[float] = None) -> NDArray[np.float32]: ...
     @overload
     def depth(
-        self, camera: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], *, kind: str = "expected"
+        self,
+        camera: ArrayLike,
+        world_to_camera: ArrayLike,
+        size: _Size,
+        *,
+        kind: str = "expected",
+        near: Optional[float] = None,
     ) -> NDArray[np.float32]:
         """Depths (height, width) along the camera's axis, in world units. kind: "expected", the mean over the Gaussians that a pixel blends,
         with the weights of their colours, infinite where there are none; or "median", the depth at which the transmittance falls to a
@@ -243,22 +274,22 @@ class Run:
         """The contents of metrics.json (docs/metrics.md)."""
 
     @property
-    def log(self) -> list[Step]:
+    def log(self) -> list[_Step]:
         """The lines of log.jsonl (docs/metrics.md)."""
 
     @property
-    def folder(self) -> Optional[str]:
+    def folder(self) -> Optional[Path]:
         """The folder of its files; None if it was temporary."""
 
 def train(
-    scene: Path,
+    scene: _Path,
     preset: str = "standard",
     *,
-    output: Optional[Path] = None,
+    output: Optional[_Path] = None,
     device: Optional[Device] = None,
     resume: bool = False,
-    on_step: Optional[OnStep] = None,
-    on_progress: Optional[OnProgress] = None,
+    on_step: Optional[_OnStep] = None,
+    on_progress: Optional[_OnProgress] = None,
     **options: Any,
 ) -> Run:
     """Trains a scene with poses, prunes it, and scores it, as `qirf-vk run` does, with the same bytes.
@@ -281,16 +312,16 @@ def compress(
     count: Optional[int] = None,
     size: Optional[int] = None,
     psnr: Optional[float] = None,
-    output: Optional[Path] = None,
-    scene: Optional[Path] = None,
-    resolution: Optional[Resolution] = None,
+    output: Optional[_Path] = None,
+    scene: Optional[_Path] = None,
+    resolution: Optional[_Resolution] = None,
     selector: Optional[str] = None,
     fine_tune: int = 0,
     views: Optional[int] = None,
-    picture_size: Optional[tuple[int, int]] = None,
+    picture_size: Optional[_Size] = None,
     seed: int = 1,
     device: Optional[Device] = None,
-    on_progress: Optional[OnProgress] = None,
+    on_progress: Optional[_OnProgress] = None,
 ) -> tuple[Model, dict[str, Any]]:
     """Removes redundant Gaussians. Returns the smaller model and the record of `qirf-vk compress --json`.
 
@@ -301,23 +332,28 @@ def compress(
     The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`, at a
     resolution such as 640 (pixels wide) or "/2". selector: the rule that ranks Gaussians (docs/method.md); fine_tune: iterations of training
     afterwards. record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
-    "fine_tuned"; each has psnr in dB, ssim, and, if weights are installed, lpips_alex and the like.
+    "fine_tuned"; each has psnr in dB and ssim.
     """
 
 def evaluate(
     model: Model,
-    scene: Optional[Path] = None,
+    scene: Optional[_Path] = None,
     *,
     against: Optional[Model] = None,
-    resolution: Optional[Resolution] = None,
+    resolution: Optional[_Resolution] = None,
     eval_every: int = 8,
-    background: Optional[Vector] = None,
+    background: Optional[_Vector] = None,
+    antialias: Optional[bool] = None,
+    dilation: Optional[float] = None,
+    depth_order: bool = False,
+    exposure: bool = False,
     device: Optional[Device] = None,
-    on_progress: Optional[OnProgress] = None,
+    on_progress: Optional[_OnProgress] = None,
 ) -> dict[str, Any]:
     """Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
 
     resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: every eval_every-th photo is held out. background: red, green
-    and blue in [0, 1]. The record's "test" has the means, "views" the scores of each view: psnr in dB, ssim, and, if weights are installed,
+    and blue in [0, 1]. antialias, dilation and depth_order: as in Renderer; exposure: score with exposures fitted to the photos, as runs with
+    that effect do. The record's "test" has the means, "views" the scores of each view: psnr in dB, ssim, and, if weights are installed,
     lpips_alex and the like.
     """

@@ -77,9 +77,9 @@ impl<'py> FromPyObject<'_, 'py> for Resolution {
 
 /// Keyword arguments as JSON.
 pub fn json(options: &Bound<'_, PyDict>) -> PyResult<serde_json::Map<String, serde_json::Value>> {
-    // Paths and NumPy's numbers are written as text and numbers.
+    // Paths, and NumPy's numbers and arrays, are written as text, numbers and lists.
     let py = options.py();
-    let code = c"lambda value: __import__('json').dumps(value, default=lambda x: x.item() if hasattr(x, 'item') else __import__('os').fspath(x), allow_nan=False)";
+    let code = c"lambda value: __import__('json').dumps(value, default=lambda x: x.tolist() if hasattr(x, 'tolist') else __import__('os').fsdecode(x), allow_nan=False)";
     let dumps = py.eval(code, None, None)?;
     let one = |(name, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
         let text = dumps.call1((&value,)).map_err(|e| wrong(format!("{name}={value}: {e}")))?;

@@ -2,7 +2,7 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{number, share, some_picture_size, some_whole, whole, wrong};
+use crate::errors::{self, number, share, some_picture_size, some_whole, whole, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
 use engine::gaussians::formats;
@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 /// The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`, at a
 /// resolution such as 640 (pixels wide) or "/2". selector: the rule that ranks Gaussians (docs/method.md); fine_tune: iterations of training
 /// afterwards. record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
-/// "fine_tuned"; each has psnr in dB, ssim, and, if weights are installed, lpips_alex and the like.
+/// "fine_tuned"; each has psnr in dB and ssim.
 #[pyfunction]
 #[pyo3(signature = (model, keep=None, *, count=None, size=None, psnr=None, output=None, scene=None, resolution=None,
     selector=None, fine_tune=0, views=None, picture_size=None, seed=1, device=None, on_progress=None))]
@@ -66,7 +66,7 @@ pub fn compress<'py>(
         config.compression.keep = Keep::Count(number("count", count, 1)?);
     }
     let size: Option<u64> = size.map(|size| number("size", size, 1)).transpose()?;
-    let views: Option<u32> = views.map(|views| number("views", views, 2)).transpose()?;
+    let views: Option<u32> = views.map(|count| errors::views("views", count, 2)).transpose()?;
     let usual = VirtualCameras::default();
     let cameras =
         VirtualCameras { views: views.unwrap_or(usual.views), size: picture_size.unwrap_or(usual.size), ..usual };

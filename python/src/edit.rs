@@ -2,10 +2,10 @@
 
 use crate::arrays::Resolution;
 use crate::device::{Device, or_usual};
-use crate::errors::{number, raised, whole, wrong};
+use crate::errors::{number, raised, warn, whole, wrong};
 use crate::model::Model;
 use crate::watch::Follower;
-use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted, common_origin};
+use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted, common_origin, rounding};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::gpu;
@@ -212,13 +212,21 @@ pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     if models.iter().any(|other| other.mode != first.mode) {
         return Err(wrong("anti-aliased models and others cannot be one: they are drawn differently"));
     }
-    let (merged, origin) = py.detach(|| {
+    let (merged, origin, rounded) = py.detach(|| {
         let own: Vec<_> = models.iter().map(|model| (&*model.inner, model.origin)).collect();
         let (mut all, origin) = (Gaussians::default(), common_origin(&own));
+        let mut rounded = None::<f64>;
         for model in &models {
-            all.append(&model.counted_from(origin));
+            let moved = model.counted_from(origin);
+            let step = rounding(&moved).filter(|_| DVec3::from(model.origin) != DVec3::from(origin));
+            rounded = rounded.into_iter().chain(step).reduce(f64::max);
+            all.append(&moved);
         }
-        (all, origin)
+        (all, origin, rounded)
     });
+    if let Some(step) = rounded {
+        let what = "a model lies far from the origin of the merged model";
+        warn(py, &format!("{what}: its positions are rounded to about {step:.1e} units"))?;
+    }
     Ok(Model { origin, ..first.like(merged) })
 }

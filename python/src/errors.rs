@@ -67,8 +67,10 @@ pub fn some_whole(object: &Bound<'_, PyAny>) -> PyResult<Option<i64>> {
 
 /// A width and a height in pixels.
 fn pixels(name: &str, object: &Bound<'_, PyAny>) -> PyResult<(u32, u32)> {
-    let (width, height): (Bound<'_, PyAny>, Bound<'_, PyAny>) = object.extract()?;
-    let (width, height) = (whole(&width)?, whole(&height)?);
+    let sides = object.try_iter()?.map(|side| whole(&side?)).collect::<PyResult<Vec<i64>>>()?;
+    let [width, height] = sides[..] else {
+        return Err(wrong(format!("{name} has {} numbers: give a width and a height", sides.len())));
+    };
     let side = |pixels: i64| u32::try_from(pixels).ok().filter(|pixels| (1..=65_536).contains(pixels));
     let both = side(width).zip(side(height));
     both.ok_or_else(|| wrong(format!("{name}=({width}, {height}): give 1 to 65,536 pixels each")))
@@ -87,6 +89,20 @@ pub fn some_size(object: &Bound<'_, PyAny>) -> PyResult<Option<(u32, u32)>> {
 /// The argument `picture_size`, or None.
 pub fn some_picture_size(object: &Bound<'_, PyAny>) -> PyResult<Option<(u32, u32)>> {
     if object.is_none() { Ok(None) } else { pixels("picture_size", object).map(Some) }
+}
+
+/// A number of views or cameras, at least `least`.
+pub fn views<T: TryFrom<i64>>(name: &str, value: i64, least: i64) -> PyResult<T> {
+    if value > 100_000 {
+        return Err(wrong(format!("{name}={value}: give at most 100,000")));
+    }
+    number(name, value, least)
+}
+
+/// Warns, at the line of Python that called.
+pub fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
+    let category = py.get_type::<pyo3::exceptions::PyUserWarning>();
+    PyErr::warn(py, &category, &std::ffi::CString::new(what)?, 1)
 }
 
 /// A number of things that has to be at least `least`.

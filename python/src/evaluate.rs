@@ -17,10 +17,12 @@ use std::path::{Path, PathBuf};
 /// Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
 ///
 /// resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: every eval_every-th photo is held out. background: red, green
-/// and blue in [0, 1]. The record's "test" has the means, "views" the scores of each view: psnr in dB, ssim, and, if weights are installed,
+/// and blue in [0, 1]. antialias, dilation and depth_order: as in Renderer; exposure: score with exposures fitted to the photos, as runs with
+/// that effect do. The record's "test" has the means, "views" the scores of each view: psnr in dB, ssim, and, if weights are installed,
 /// lpips_alex and the like.
 #[pyfunction]
-#[pyo3(signature = (model, scene=None, *, against=None, resolution=None, eval_every=8, background=None, device=None, on_progress=None))]
+#[pyo3(signature = (model, scene=None, *, against=None, resolution=None, eval_every=8, background=None, antialias=None, dilation=None,
+    depth_order=false, exposure=false, device=None, on_progress=None))]
 pub fn evaluate<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
@@ -29,14 +31,21 @@ pub fn evaluate<'py>(
     resolution: Option<Resolution>,
     #[pyo3(from_py_with = whole)] eval_every: i64,
     background: Option<[f32; 3]>,
+    antialias: Option<bool>,
+    dilation: Option<f32>,
+    depth_order: bool,
+    exposure: bool,
     device: Option<&Bound<'py, Device>>,
     on_progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let (model, original) = (model.get(), against.map(Bound::get));
-    let style = Style::of(model.mode);
+    let style = model.style(antialias, dilation, depth_order)?;
     let background = background.map(colour).transpose()?;
     if original.is_some() && resolution.is_some() {
         return Err(wrong("resolution is that of a scene's photos"));
+    }
+    if original.is_some() && exposure {
+        return Err(wrong("exposures are fitted to a scene's photos"));
     }
     let device = or_usual(py, device)?;
     let follower = Follower::new(None, on_progress);
@@ -47,7 +56,7 @@ pub fn evaluate<'py>(
             let (resolution, eval_every) = (resolution.map(|r| r.0), number("eval_every", eval_every, 1)?);
             let usual = RunConfig::of(scene, Preset::default());
             let selection = RunConfig { resolution, eval_every, background, ..usual }.selection();
-            let evaluation = Evaluation { selection, style, exposure: false };
+            let evaluation = Evaluation { selection, style, exposure };
             let record = py.detach(|| {
                 let (model, _) = model.placed(Some(&evaluation.selection.scene))?;
                 eval::eval(&session, Path::new(""), &model, &evaluation, None)

@@ -1,12 +1,13 @@
 //! Models.
 
 use crate::arrays::{borrowed, floats, rows, tuple};
-use crate::errors::{raised, wrong};
+use crate::errors::{raised, warn, wrong};
 use engine::gaussians::formats::{self, Loaded, RenderMode};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::job::Error;
 use engine::pipeline::place::place;
+use engine::render::Style;
 use numpy::ndarray::{ArrayView, Dimension, IntoDimension};
 use numpy::{PyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -25,6 +26,15 @@ impl Model {
     /// These Gaussians, drawn alike and in the same place of the world.
     pub(crate) fn like(&self, model: Gaussians) -> Self {
         Self { inner: Arc::new(model), ..*self }
+    }
+
+    /// The style of its pictures: as it was trained, with these options instead.
+    pub(crate) fn style(&self, antialias: Option<bool>, dilation: Option<f32>, depth_order: bool) -> PyResult<Style> {
+        if let Some(dilation) = dilation.filter(|d| !(0.0..=100.0).contains(d)) {
+            return Err(wrong(format!("dilation={dilation}: give 0 to 100 square pixels")));
+        }
+        let usual = Style::of(self.mode);
+        Ok(Style { antialias: antialias.unwrap_or(usual.antialias), dilation, depth_order })
     }
 
     /// A copy of the Gaussians whose means count from where a scene's coordinates do, and that place.
@@ -92,10 +102,14 @@ fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
 
 #[pymethods]
 impl Model {
-    /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out.
+    /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out,
+    /// with a UserWarning.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let loaded = py.detach(|| formats::read(&path)).map_err(|e| raised(Error::from(e)))?;
+        if loaded.repairs.any() {
+            warn(py, &format!("{}: {}", path.display(), loaded.repairs))?;
+        }
         Ok(loaded.into())
     }
 

@@ -2,7 +2,7 @@
 
 use crate::arrays::matrix;
 use crate::device::{Device, or_usual};
-use crate::errors::{colour, number, raised, size, some_size, whole, wrong};
+use crate::errors::{colour, raised, size, some_size, views, whole, wrong};
 use crate::model::Model;
 use engine::gaussians::Gaussians;
 use engine::gaussians::outline::outline;
@@ -13,7 +13,7 @@ use engine::job::Error;
 use engine::pipeline::budget;
 use engine::pipeline::depth::DepthPainter;
 use engine::pipeline::render::near_at;
-use engine::render::{Painter, Settings, Source, Style};
+use engine::render::{Painter, Settings, Source};
 use engine::scene::{
     camera,
     orbit::{Look, UP},
@@ -26,7 +26,8 @@ use std::sync::{Arc, Mutex, MutexGuard};
 /// A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).
 ///
 /// k: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
-/// near: near plane, in world units along the camera's axis; closer Gaussians are not drawn.
+/// near: near plane, in world units along the camera's axis; closer Gaussians are not drawn. 0.2 by default, which small models need less of:
+/// the cameras of `orbit` have one that fits.
 #[pyclass(frozen, module = "qirf_vk")]
 #[derive(Clone)]
 pub struct Camera {
@@ -94,10 +95,22 @@ impl Camera {
             return Err(wrong(format!("a field of view of {fov} degrees: give one above 0 and below 180")));
         }
         let [eye, target, up] = [eye, target, up].map(DVec3::from_array);
-        if eye == target || up == DVec3::ZERO {
+        if eye == target || up == DVec3::ZERO || ![eye, target, up].iter().all(|v| v.is_finite()) {
             return Err(wrong("a camera looks from eye to another point, target, and up is a direction"));
         }
         Self::checked(camera::Camera::look_at(eye, target, up, fov.to_radians(), size.0, size.1), near)
+    }
+
+    /// The near plane, in world units along the camera's axis; None for the usual distance, 0.2.
+    #[getter]
+    fn near(&self) -> Option<f32> {
+        self.near
+    }
+
+    /// The camera's place in the world, (x, y, z).
+    #[getter]
+    fn centre(&self) -> (f64, f64, f64) {
+        self.inner.centre().into()
     }
 
     /// Width and height in pixels.
@@ -161,7 +174,7 @@ pub fn orbit(
     if !(fov > 0.0 && fov < 180.0 && elevation.abs() < 90.0) {
         return Err(wrong("give a field of view above 0 and below 180 degrees, and an elevation between -90 and 90"));
     }
-    let count = number("count", count, 1)?;
+    let count = views("count", count, 1)?;
     let look = Look { fov: fov.to_radians(), elevation: elevation.to_radians(), size };
     let model = model.get().inner.clone();
     let (near, cameras) = py.detach(|| {
@@ -173,7 +186,9 @@ pub fn orbit(
 
 /// Draws pictures of one model, in parts if the device cannot hold it.
 ///
-/// background: red, green and blue in [0, 1]. A renderer keeps the model on the device, so use one renderer for many pictures.
+/// background: red, green and blue in [0, 1]. antialias, dilation (in square pixels) and depth_order: as in `qirf-vk render`; by default
+/// anti-aliased if the model is, with a dilation of 0.1 then and of 0.3 otherwise. A renderer keeps the model on the device, so use one
+/// renderer for many pictures.
 #[pyclass(frozen, module = "qirf_vk")]
 pub struct Renderer {
     device: gpu::Device,
@@ -222,10 +237,15 @@ impl Renderer {
 }
 
 /// A camera from a Camera, or from K, world_to_camera and size.
-fn camera_of(camera: &Bound<'_, PyAny>, pose: Option<&Bound<'_, PyAny>>, size: Option<(u32, u32)>) -> PyResult<Camera> {
+fn camera_of(
+    camera: &Bound<'_, PyAny>,
+    pose: Option<&Bound<'_, PyAny>>,
+    size: Option<(u32, u32)>,
+    near: Option<f32>,
+) -> PyResult<Camera> {
     match (camera.cast::<Camera>(), pose, size) {
-        (Ok(camera), None, None) => Ok(camera.get().clone()),
-        (Err(_), Some(pose), Some(size)) => Camera::new(camera, pose, size, None),
+        (Ok(camera), None, None) => Camera::checked(camera.get().inner.clone(), near.or(camera.get().near)),
+        (Err(_), Some(pose), Some(size)) => Camera::new(camera, pose, size, near),
         _ => Err(wrong("give a Camera, or K, world_to_camera and size")),
     }
 }
@@ -234,16 +254,19 @@ fn camera_of(camera: &Bound<'_, PyAny>, pose: Option<&Bound<'_, PyAny>>, size: O
 impl Renderer {
     /// A renderer of `model` over a background colour.
     #[new]
-    #[pyo3(signature = (model, device=None, *, background=[0.0; 3]))]
+    #[pyo3(signature = (model, device=None, *, background=[0.0; 3], antialias=None, dilation=None, depth_order=false))]
     fn new(
         py: Python<'_>,
         model: &Bound<'_, Model>,
         device: Option<&Bound<'_, Device>>,
         background: [f32; 3],
+        antialias: Option<bool>,
+        dilation: Option<f32>,
+        depth_order: bool,
     ) -> PyResult<Self> {
+        let style = model.get().style(antialias, dilation, depth_order)?;
         let device = or_usual(py, device)?;
-        let Model { inner: model, mode, .. } = model.get();
-        let (model, style) = (model.clone(), Style::of(*mode));
+        let model = model.get().inner.clone();
         let resident = py.detach(|| {
             let place = budget::for_pictures(&device, &model, [1280, 720], style)?;
             place.whole.then(|| Resident::upload(&device, &model).map_err(Error::from)).transpose()
@@ -254,15 +277,16 @@ impl Renderer {
 
     /// A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose
     /// (3, 4) or (4, 4), and width and height. The bytes are those of `qirf-vk render --format npy`.
-    #[pyo3(signature = (camera, world_to_camera=None, size=None))]
+    #[pyo3(signature = (camera, world_to_camera=None, size=None, *, near=None))]
     fn render<'py>(
         &self,
         py: Python<'py>,
         camera: &Bound<'py, PyAny>,
         world_to_camera: Option<&Bound<'py, PyAny>>,
         #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
+        near: Option<f32>,
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
-        let camera = camera_of(camera, world_to_camera, size)?;
+        let camera = camera_of(camera, world_to_camera, size, near)?;
         let image = py.detach(|| -> Result<_, Error> {
             let ((settings, size), source) = (self.settings(&camera), self.source());
             let make = || Ok(Painter::of(&self.device, settings, source, size)?);
@@ -277,7 +301,7 @@ impl Renderer {
     /// Depths (height, width) along the camera's axis, in world units. kind: "expected", the mean over the Gaussians that a pixel blends,
     /// with the weights of their colours, infinite where there are none; or "median", the depth at which the transmittance falls to a
     /// half, infinite where it does not.
-    #[pyo3(signature = (camera, world_to_camera=None, size=None, *, kind="expected"))]
+    #[pyo3(signature = (camera, world_to_camera=None, size=None, *, kind="expected", near=None))]
     fn depth<'py>(
         &self,
         py: Python<'py>,
@@ -285,8 +309,9 @@ impl Renderer {
         world_to_camera: Option<&Bound<'py, PyAny>>,
         #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
         kind: &str,
+        near: Option<f32>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let camera = camera_of(camera, world_to_camera, size)?;
+        let camera = camera_of(camera, world_to_camera, size, near)?;
         if !["expected", "median"].contains(&kind) {
             return Err(wrong(format!("kind={kind:?}: give \"expected\" or \"median\"")));
         }

@@ -4,6 +4,7 @@ use crate::arrays::dictionary;
 use engine::job::Watcher;
 use engine::job::run_log::LogLine;
 use engine::train::Progress;
+use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -25,10 +26,10 @@ impl Follower {
         Self { on_step, on_progress, raised: Mutex::new(None), looked: Mutex::new(Instant::now()) }
     }
 
-    /// The job's outcome; the callback's own exception comes first.
+    /// The job's outcome; the callback's own exception comes first, even if the job was done by then.
     pub fn result<T>(&self, result: Result<T, engine::job::Error>) -> PyResult<T> {
         match self.raised.lock().map(|mut raised| raised.take()) {
-            Ok(Some(exception)) if result.is_err() => Err(exception),
+            Ok(Some(exception)) => Err(exception),
             _ => result.map_err(crate::errors::raised),
         }
     }
@@ -68,10 +69,13 @@ impl Watcher for Follower {
         self.progress("files", done, total);
     }
     fn note(&self, line: &str) {
-        // A log that cannot be written ends no job.
-        let _ = Python::attach(|py| -> PyResult<()> {
-            let logger = py.import("logging")?.call_method1("getLogger", ("qirf_vk",))?;
-            logger.call_method1("info", ("%s", line)).map(|_| ())
+        Python::attach(|py| {
+            let write = || -> PyResult<()> {
+                let logger = py.import("logging")?.call_method1("getLogger", ("qirf_vk",))?;
+                logger.call_method1("info", ("%s", line)).map(|_| ())
+            };
+            // A log that cannot be written ends no job; a Ctrl-C that arrives meanwhile does.
+            self.keep(write().or_else(|e| if e.is_instance_of::<PyException>(py) { Ok(()) } else { Err(e) }));
         });
     }
     fn stop(&self) -> bool {

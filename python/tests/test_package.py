@@ -128,6 +128,8 @@ def test_errors_have_their_kinds(ring, tmp_path):
         ring.save(tmp_path / "no" / "folder" / "model.ply")
     with pytest.raises(qirf_vk.DeviceError):
         qirf_vk.Device("a device that nobody has")
+    with pytest.raises(qirf_vk.DeviceError):
+        qirf_vk.Device("5555")  # an index, also where a name contains it
     with pytest.raises(FileNotFoundError):
         qirf_vk.train(tmp_path / "no scene", preset="quick")
     with pytest.raises(ValueError, match="unknown field `sead`"):
@@ -174,6 +176,11 @@ def test_errors_have_their_kinds(ring, tmp_path):
         "iterations=inf": lambda: qirf_vk.train(tmp_path, iterations=np.inf),
         "iterations: invalid": lambda: qirf_vk.train(tmp_path, iterations=-1),
         "seed: invalid": lambda: qirf_vk.train(tmp_path, seed=10**30),
+        "views=4294967295: give at most": lambda: qirf_vk.compress(ring, 0.5, views=2**32 - 1),
+        "count=4000000000: give at most": lambda: qirf_vk.orbit(ring, 4 * 10**9),
+        "is a direction": lambda: qirf_vk.Camera.look_at((0, 0, -3), target=(np.nan, 0, 0)),
+        "size has 3 numbers": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), [4, 4, 4]),
+        "background": lambda: qirf_vk.train(tmp_path, background=np.ones(2)),
         "near=NaN": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), (4, 4), near=np.nan),
     }
     for text, call in wrong.items():
@@ -345,6 +352,62 @@ def test_an_exception_of_a_callback_ends_the_run(scene, tmp_path):
     with pytest.raises(ZeroDivisionError, match="mine"):
         qirf_vk.train(scene, iterations=400, output=tmp_path / "run", on_step=fails)
     assert (tmp_path / "run" / "checkpoint.safetensors").exists()
+
+
+def test_exceptions_while_notes_and_scores_are_written_are_passed_on(scene, trained, monkeypatch):
+    def fails(stage, done, total):
+        if stage == "scores":
+            raise ZeroDivisionError(stage)
+
+    for call in (
+        lambda: qirf_vk.train(scene, iterations=10, prune=False, on_progress=fails),
+        lambda: qirf_vk.evaluate(trained.model, scene, on_progress=fails),
+    ):
+        with pytest.raises(ZeroDivisionError, match="scores"):
+            call()
+
+    def interrupted(name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("logging.getLogger", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        qirf_vk.train(scene, iterations=40)
+
+
+def test_styles_of_training_are_those_of_scoring(scene):
+    style = {"antialias": True, "dilation": 0.3, "depth_order": True}
+    run = qirf_vk.train(scene, iterations=40, prune=False, **style)
+    assert qirf_vk.evaluate(run.model, scene, **style)["test"]["psnr"] == pytest.approx(run.record["test"]["psnr"], abs=1e-4)
+    camera = qirf_vk.orbit(run.model, 1, size=[32, 24])[0]
+    pictures = [qirf_vk.Renderer(run.model, **given).render(camera) for given in ({}, {"dilation": 0.3}, {"antialias": False})]
+    assert not np.array_equal(pictures[0], pictures[1]) and not np.array_equal(pictures[0], pictures[2])
+    with pytest.raises(ValueError, match="dilation"):
+        qirf_vk.Renderer(run.model, dilation=-1.0)
+
+
+def test_what_is_lost_is_warned_of(ring, tmp_path):
+    data = bytearray(RING.read_bytes())
+    at = data.index(b"end_header\n") + len(b"end_header\n")
+    data[at:at + 4] = np.float32(np.nan).tobytes()
+    (tmp_path / "damaged.ply").write_bytes(data)
+    with pytest.warns(UserWarning, match="1 Gaussian removed"):
+        assert len(qirf_vk.Model.load(tmp_path / "damaged.ply")) == len(ring) - 1
+    far = qirf_vk.Model.from_arrays(*arrays(ring), origin=(1e6, 0, 0))
+    near = qirf_vk.Model.from_arrays(*arrays(ring), origin=(0, 1e6, 0))
+    with pytest.warns(UserWarning, match="rounded to about"):
+        qirf_vk.merge([near, far])
+
+
+def test_a_near_plane_of_ones_own(ring):
+    small = ring.scale(1e-3)
+    camera = qirf_vk.orbit(small, 1, size=(32, 24))[0]
+    renderer = qirf_vk.Renderer(small)
+    right = renderer.render(camera)
+    assert right[..., 3].max() > 0.1 and camera.near < 0.2 and len(camera.centre) == 3
+    given = (camera.K, camera.world_to_camera, camera.size)
+    assert not renderer.render(*given)[..., 3].any()
+    assert np.array_equal(renderer.render(*given, near=camera.near), right)
+    assert np.array_equal(renderer.render(qirf_vk.Camera(*given, near=camera.near)), right)
 
 
 def test_ctrl_c_leaves_a_checkpoint_and_the_run_goes_on(scene, tmp_path):
