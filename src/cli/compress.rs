@@ -281,7 +281,7 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
         score("file", |stages| &stages.written, "")?;
     }
     if test.pruned.is_some() {
-        console.note(format_args!("scores are of {} held-out views against {truth}", protocol.test_views));
+        console.note(format_args!("scored {} against {truth}", counted(protocol.test_views, "held-out view")));
     }
     console.print(format_args!(
         "time       {:.1} s: responses {:.1}, choice and merging {:.2}, fine-tuning {:.1}",

@@ -33,7 +33,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk convert playbot-sog/ playbot.compressed.ply
 
 Formats read: PLY (binary, text, compressed), SPZ 1 to 4, .splat, .ksplat, SOG, glTF (.glb, .gltf), USD (.usda, .usdz).
-Formats written: PLY (exact), GLB and USD (exact but for rounding), SPZ, SOG and .compressed.ply (quantised: it says the PSNR of their pictures against the model's).
+Formats written: PLY (exact), GLB and USD (exact but for rounding), SPZ, SOG and .compressed.ply (quantised; the PSNR against the model's pictures is printed).
 A name in .html gives one page that holds the model as SPZ and draws it in any browser with WebGL 2, without a network.";
 
 /// Convert a model between file formats.

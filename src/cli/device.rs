@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk device
   qirf-vk device --json
   QIRF_DEVICE=llvmpipe qirf-vk device
-  qirf-vk device --tuning gpu,tile=8
+  qirf-vk device --tuning gpu,sort_rows_max=8
   qirf-vk device --tune
   qirf-vk device --kernels
   qirf-vk device --fingerprint";
@@ -96,7 +96,7 @@ impl Arguments {
         console.print(measured(&tuned))?;
         console.print(match stored {
             Some(path) => format!("{}: stored in {} for later runs; --tuning overrides it", best.name, path.display()),
-            None => "no other is faster beyond noise: later runs use the class's row".to_owned(),
+            None => "no other is measurably faster: later runs use the class's defaults".to_owned(),
         })
     }
 

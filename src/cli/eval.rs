@@ -6,7 +6,7 @@ use super::scratch::Scratch;
 use super::show::Show;
 use super::style;
 use super::values;
-use super::{Global, check_folder, holds_run, tell_of_missing};
+use super::{Global, check_no_run, tell_of_missing};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Loaded;
 use crate::job::records::{RunRecord, ViewScores};
@@ -24,7 +24,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk eval model.spz --config trained/config.toml -o scores
   qirf-vk eval small.spz --against original.ply
 
-Photos are held out, scaled and scored as `qirf-vk run` does it: a run's model.ply has the run's own scores.
+Photos are held out, scaled and scored as by `qirf-vk run`: a run's model.ply gets the run's scores.
 With --against, the model is scored against pictures of its original, from the views that `qirf-vk compress` holds out. Where \
 both are equal, PSNR is infinite, and the table says so.";
 
@@ -91,10 +91,7 @@ impl Arguments {
             )));
         }
         if let Some(folder) = &self.output {
-            check_folder(folder)?;
-            if folder.join("config.toml").exists() {
-                return Err(holds_run(folder));
-            }
+            check_no_run(folder)?;
         }
         let mut loaded = read_model(&self.model, console)?;
         let evaluation = self.evaluation(&loaded, console)?;

@@ -58,11 +58,11 @@ struct Cli {
 #[derive(Args, Clone, Debug)]
 #[command(next_help_heading = "Global options")]
 struct Global {
-    /// Vulkan device: its index, a part of its name, uuid:UUID, pci:ADDRESS, or free: one that no other process chose as free
+    /// Vulkan device: its index, a part of its name, uuid:UUID, pci:ADDRESS, or free: one without another process's lease
     /// [default: $QIRF_DEVICE, else the fastest kind available]
     #[arg(long, global = true, value_name = "NAME|INDEX|uuid:|pci:|free")]
     device: Option<String>,
-    /// Kernel parameters: a class of devices (cpu, gpu, nvidia, ...), fields such as tile=8, or both, separated by commas
+    /// Kernel parameters: a class of devices (cpu, gpu, nvidia, ...), fields such as sort_rows_max=8, or both, separated by commas
     /// [default: $QIRF_TUNING, else the result of `qirf-vk device --tune`, else those of the device's class]
     #[arg(long, global = true, value_name = "CLASS,FIELD=VALUE")]
     tuning: Option<TuningChoice>,
@@ -223,13 +223,38 @@ fn check_folder(output: &Path) -> Result<(), Error> {
     Ok(())
 }
 
+/// Refuses a folder of results that is a run's, or its folder of pictures.
+fn check_no_run(output: &Path) -> Result<(), Error> {
+    let pictures = output.file_name().is_some_and(|name| name == "renders").then(|| output.parent()).flatten();
+    match pictures.into_iter().chain([output]).find(|folder| folder.join("config.toml").is_file()) {
+        Some(run) => Err(holds_run(run)),
+        None => check_folder(output),
+    }
+}
+
+/// Refuses a file that is a run's model, which its figures describe.
+fn check_no_runs_model(output: &Path) -> Result<(), Error> {
+    let folder = output.parent().unwrap_or(Path::new(""));
+    let models = ["model.ply", "model.sog"];
+    let is_runs = output.file_name().is_some_and(|name| models.iter().any(|model| name == *model))
+        && ["config.toml", "metrics.json"].iter().all(|file| folder.join(file).is_file());
+    if is_runs {
+        return Err(Error::Usage(format!(
+            "{} is a run's model, which the figures beside it describe; name another file",
+            output.display()
+        )));
+    }
+    Ok(())
+}
+
 /// An error for a folder with a run, whose figures would be overwritten.
 fn holds_run(output: &Path) -> Error {
     Error::Usage(format!("-o {} holds a run and its figures; name another folder", output.display()))
 }
 
-/// Refuses the name of a file that is no model's.
+/// Refuses the name of a file that is no model's, and the model of a run.
 fn check_model(output: &Path) -> Result<(), Error> {
+    check_no_runs_model(output)?;
     if formats::is_levels(output) || output.extension().is_some_and(|e| e.eq_ignore_ascii_case("html")) {
         let what = "pages and levels of detail are written by `qirf-vk convert`; write a model, and convert that";
         return Err(Error::Usage(format!("{}: {what}", output.display())));

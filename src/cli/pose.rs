@@ -45,7 +45,7 @@ pub(super) struct Posing {
     /// Pairs of photos that COLMAP compares
     #[arg(long, value_name = "auto|sequential|exhaustive", default_value = "auto", value_parser = values::one_of::<Matching>("a way of matching"), help_heading = "Poses")]
     matching: Matching,
-    /// Largest number of frames to take from a video, at most two a second (60 if it is short)
+    /// Largest number of frames to take from a video, at most 2 per second (short videos: 60)
     #[arg(long, value_name = "N", default_value_t = FRAMES, help_heading = "Poses", value_parser = clap::value_parser!(u32).range(3..=100_000))]
     frames: u32,
     /// The photos come from a rig: each camera has a folder, and photos taken at the same time have the same name. Needs COLMAP

@@ -139,7 +139,9 @@ fn device(error: &gpu::Error) -> Option<String> {
         gpu::Error::TooLarge { .. } => {
             plain("use fewer Gaussians or a smaller image; compress has room for more with --selector pairs")
         }
-        gpu::Error::OutOfMemory { .. } => plain("use fewer Gaussians, a smaller image, or another device"),
+        gpu::Error::OutOfMemory { .. } => {
+            plain("use fewer Gaussians, a smaller image, another device, or a larger --memory-budget if you set one")
+        }
         gpu::Error::Exhausted { .. } => {
             plain("end other programs that use it, or use fewer Gaussians, a smaller image, or another device")
         }

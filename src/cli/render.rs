@@ -5,7 +5,7 @@ use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style;
 use super::values::{self, Up};
-use super::{Global, check_folder};
+use super::{Global, check_no_run};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::job::{Error, Session};
@@ -87,7 +87,7 @@ pub(super) struct Arguments {
     /// Height of an orbit above the horizon, in degrees [default: 15]
     #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with_all = ["scene", "panorama"], allow_negative_numbers = true)]
     elevation: Option<f64>,
-    /// Up axis of an orbit: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
+    /// Up axis of an orbit or a panorama: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<Up>,
     /// Folder for the pictures, created if absent; a film.mp4 of a path, which needs ffmpeg; the .png or .npy file of a panorama
@@ -164,7 +164,7 @@ impl Arguments {
         if self.depth {
             let step = depth::unit(config.settings.near);
             console.note(format_args!(
-                "16-bit depths count in steps of {step} world units; 0 is none, 65535 this far or farther"
+                "16-bit depths are in units of {step} world units; 0 is no depth, 65535 that or more"
             ));
         }
         console.note(format_args!(
@@ -231,7 +231,7 @@ impl Arguments {
                 "-o {output}: films are .mp4 files, and pictures go to a folder; name one of these"
             ));
         }
-        check_folder(&self.output)?;
+        check_no_run(&self.output)?;
         if self.transparent && self.format == Format::Npy {
             return refuse("--transparent applies only to PNG; npy files always contain alpha");
         }

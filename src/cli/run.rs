@@ -26,12 +26,12 @@ use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --preset quick --resolution 256
-  qirf-vk run photos -o trained --preset quick --resolution 256
-  qirf-vk run capture -o trained --iterations 7000 --resume
-  qirf-vk run capture -o trained --keep 0.2 --selector css --schedule gradual
-  qirf-vk run capture -o trained --view                # watch it in a browser
+  qirf-vk run photos -o first --preset quick --resolution 256
+  qirf-vk run capture -o trained --preset quick --resolution 256 --resume
+  qirf-vk run capture -o smaller --keep 0.2 --selector css --schedule gradual
+  qirf-vk run capture -o watched --view                # watch it in a browser
   qirf-vk run capture -o dense --no-prune
-  qirf-vk run capture -o trained --size 5MB            # and model.sog of at most 5 MB
+  qirf-vk run capture -o small --size 5MB              # and model.sog of at most 5 MB
   qirf-vk run --config trained/config.toml -o again
 
 The folder holds model.ply, report.html, metrics.json, log.jsonl, renders/ and config.toml, which reproduces the run.
@@ -60,7 +60,7 @@ pub(super) struct Arguments {
     #[arg(long)]
     resume: bool,
     /// Configuration of an earlier run, its config.toml, in place of the scene and all other options of the run. Its learning
-    /// rates depend on its number of iterations: if you edit one of them, edit both
+    /// rates depend on its number of iterations: change both together
     #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "Posing", "no_prune"])]
     config: Option<PathBuf>,
     #[command(flatten)]

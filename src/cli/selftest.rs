@@ -14,7 +14,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk selftest --device 1 --json > selftest.json
 
 Every kernel runs on embedded hard cases, and its results are compared with known ones or with the host's, which are exact or in \
-float64. An error that exceeds its bound so little that this device's rounding explains it is a warning. The exit code is 4 if \
+float64. An error slightly above its bound, as rounding on this device can cause, is a warning. The exit code is 4 if \
 any result is wrong.";
 
 /// Compare the device's results with those of the CPU.

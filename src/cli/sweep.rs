@@ -7,7 +7,7 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::values::{self, Up};
-use super::{Global, check_folder, tell_of_missing};
+use super::{Global, check_no_run, tell_of_missing};
 use crate::gaussians::formats::Loaded;
 use crate::job::{Error, Output, Preset, RunConfig, Session};
 use crate::lab::sweep::records::figure;
@@ -93,7 +93,7 @@ impl Arguments {
                     .to_owned(),
             ));
         }
-        check_folder(&self.output)?;
+        check_no_run(&self.output)?;
         let device = self.resources.device(global)?;
         Output::new(&self.output)?;
         let watcher = Show::new(console);

@@ -42,7 +42,7 @@ pub(super) struct Arguments {
     /// Also write depth/*.npy: the depth at the centre of each pixel, along the camera's axis, or along the ray in panoramas
     #[arg(long)]
     depth: bool,
-    /// Effects that the scene calls for, separated by commas; --help lists them [default: none]
+    /// Effects that the scene needs, separated by commas; --help lists them [default: none]
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     effects: Vec<String>,
 }

@@ -72,7 +72,7 @@ pub(super) struct Training {
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
     /// Folder of depth maps with the photos' names, for initial points and the depth loss: .npy, 16-bit .png in thousandths of
-    /// a unit, .exr [default: the scene's own, if its transforms.json names some]
+    /// a unit, .tif, .exr [default: the scene's own, if its transforms.json names some]
     #[arg(long, value_name = "DIR", help_heading = "Photos")]
     depth: Option<PathBuf>,
     /// Mask everything within DEG degrees of straight down in panoramas, such as the tripod or the photographer
@@ -88,7 +88,7 @@ fn effects() -> String {
     let names: Vec<&str> = Effect::settable().map(Effect::name).collect();
     format!(
         "Switch an effect on or off, or let the scene decide (auto); repeat it for more effects. Effects: {}. `qirf-vk inspect SCENE` \
-         shows what a scene calls for [default: auto; antialias and depth_order: off]",
+         shows what a scene needs [default: auto; antialias and depth_order: off]",
         names.join(", ")
     )
 }

@@ -47,7 +47,7 @@ pub fn dropout(set: &TrainingSet<'_>) -> Decision {
     }
     let evidence = format!("{evidence} in {} iterations", set.iterations);
     if photos > FEW_PHOTOS {
-        let why = format!("{evidence}, and more than {FEW_PHOTOS} photos correct each other");
+        let why = format!("{evidence}, and more than {FEW_PHOTOS} photos need none");
         return Decision::plain(Effect::Dropout, false, why);
     }
     Decision::by(Effect::Dropout, looks(set.iterations, photos), LOOKS, evidence)
@@ -103,7 +103,7 @@ pub fn antialias(set: &TrainingSet<'_>) -> Decision {
     }
     let (low, middle, high) = (quantile(&mut ratios, 0.05), quantile(&mut ratios, 0.5), quantile(&mut ratios, 0.95));
     let evidence = format!(
-        "a pixel covers up to {middle:.2} times as much of a point in one photo as in another (median of {}; \
+        "the size of a pixel on a point varies by up to {middle:.2} times between photos (median of {}; \
          {low:.2} to {high:.2} for nine tenths of them)",
         counted(ratios.len(), "point")
     );

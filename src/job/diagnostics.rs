@@ -181,7 +181,7 @@ impl Diagnostics {
             },
         };
         if crc32(read.records().into_iter().map(|(_, _, bytes)| bytes)) != notes.crc32 {
-            return Err("its checksum is not that of its records: it is damaged".to_owned());
+            return Err("its checksum does not match its records: it is damaged".to_owned());
         }
         match read.flags.iter().position(|flags| flags & !KNOWN != 0) {
             Some(i) => {

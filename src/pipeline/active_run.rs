@@ -25,6 +25,7 @@ use crate::train::loss::Weights;
 use crate::train::method::Cut;
 use crate::train::rates::Rates;
 use crate::train::{Options, Progress, Trainer};
+use crate::wording::counted;
 use std::ops::Range;
 use std::time::Instant;
 
@@ -307,7 +308,9 @@ impl<'a> ActiveRun<'a> {
         if config.clean {
             let found = of_training(session, &model, &mut self.trainer, &prepared.train)?;
             model.compact(&found.iter().map(Option::is_none).collect::<Vec<_>>());
-            floaters = Some((FloaterCounts::of(&found), Resident::upload(session.device, &model)?));
+            let counts = FloaterCounts::of(&found);
+            watcher.note(&format!("{} removed: {counts}", counted(found.iter().flatten().count(), "floater")));
+            floaters = Some((counts, Resident::upload(session.device, &model)?));
         }
         prepared.write(&output.model(), &model, config.style.mode())?;
         let mut follow = |done: usize| {

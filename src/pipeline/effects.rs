@@ -66,7 +66,7 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     if let Some(length) = effects::trial_length(iterations, train.len()) {
         let tried = [Effect::Exposure, Effect::Poses];
         for d in decisions.iter_mut().filter(|d| tried.contains(&d.name) && d.is_untold()) {
-            d.evidence += &format!("; a run begins with a trial of {length} iterations that tells");
+            d.evidence += &format!("; a run begins with a trial of {length} iterations that decides");
         }
     }
     Ok((decisions, skipped))

@@ -319,6 +319,7 @@ impl Opened {
         let options = LoadOptions { resize, alpha, masks, memory };
         let total = scene.views.len();
         let mut photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
+        watcher.unless_stopped()?;
         depth_maps::colour(&mut scene, points, &photos);
         for (photo, view) in photos.iter_mut().zip(&scene.views) {
             photo.depth = maps.shown(&view.name, photo);

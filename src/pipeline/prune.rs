@@ -249,7 +249,10 @@ fn effective_rank(energies: &[f64; CHANNELS]) -> Option<f64> {
 /// Mean and standard deviation over the blocks that have any response of each eigenvalue's share.
 fn mean_and_spread(energies: &[[f64; CHANNELS]]) -> ([f64; CHANNELS], [f64; CHANNELS]) {
     let seen: Vec<_> = energies.iter().filter(|e| e.iter().any(|p| *p > 0.0)).collect();
-    let count = seen.len().max(1) as f64;
+    if seen.is_empty() {
+        return Default::default(); // a sum of nothing is -0
+    }
+    let count = seen.len() as f64;
     let mean: [f64; CHANNELS] = std::array::from_fn(|k| seen.iter().map(|e| e[k]).sum::<f64>() / count);
     let variance = |k: usize| seen.iter().map(|e| (e[k] - mean[k]).powi(2)).sum::<f64>() / count;
     (mean, std::array::from_fn(|k| variance(k).sqrt()))

@@ -98,7 +98,7 @@ fn doubts(scene: &Scene, photos: usize) -> Vec<String> {
     let errors: Vec<f64> = scene.points.iter().map(|p| f64::from(p.error)).filter(|e| *e > 0.0).collect();
     let mean = errors.iter().sum::<f64>() / errors.len().max(1) as f64;
     if mean > REPROJECTION {
-        doubts.push(format!("points miss their pixels by {mean:.1} px on average: the photos may be blurred"));
+        doubts.push(format!("the mean reprojection error is {mean:.1} px: the photos may be blurred"));
     }
     let all: Vec<usize> = (0..scene.views.len()).collect();
     let centre = scene.centre(&all);

@@ -15,7 +15,8 @@ use super::jpeg::lacks_data;
 pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
     if let Some(format) = unread(&bytes) {
-        let convert = "convert it, with ImageMagick by `magick mogrify -format jpg -quality 95`";
+        let name = path.file_name().unwrap_or_default().display();
+        let convert = format!("convert it, with ImageMagick by `magick mogrify -format jpg -quality 95 {name}`");
         return Err(Error::unread(path, format!("is {format}, which is not read: {convert}")));
     }
     if bytes.starts_with(LFS_POINTER) {
@@ -31,10 +32,11 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     let is_known = reader.format().is_some();
     let decoded = reader.decode().map_err(|e| {
         if is_known && matches!(e, image::ImageError::Unsupported(_)) {
-            let convert = "convert it, with ImageMagick by `magick mogrify -format png`";
+            let name = path.file_name().unwrap_or_default().display();
+            let convert = format!("convert it, with ImageMagick by `magick mogrify -format png {name}`");
             return Error::unread(path, format!("is in an encoding that is not read ({e}): {convert}"));
         }
-        let told = if is_known { e.to_string() } else { "it begins as no picture does".to_owned() };
+        let told = if is_known { e.to_string() } else { "its format is unknown".to_owned() };
         Error::photo(path, format!("cannot be decoded: {told}; copy it again"))
     })?;
     if decoded.width() == 0 || decoded.height() == 0 {

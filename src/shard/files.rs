@@ -117,7 +117,7 @@ impl Files {
     pub fn beside<T: DeserializeOwned>(&self, task: Task) -> Result<T, Error> {
         let (path, Beside { model_crc32, content }) = (self.first(task), self.sealed(task)?);
         if crc32_of_file(&path)? != model_crc32 {
-            let what = "its checksum is not that of the model that was written: it is damaged".to_owned();
+            let what = "its checksum does not match the model that was written: it is damaged".to_owned();
             return Err(Error::Part { path, what, task: task.to_string() });
         }
         Ok(content)

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// The fault of a file whose content does not have its checksum.
-pub(super) const DAMAGED: &str = "its checksum is not that of its content: it is damaged";
+pub(super) const DAMAGED: &str = "its checksum does not match its content: it is damaged";
 
 #[derive(Debug, Serialize, Deserialize)]
 struct Sealed {

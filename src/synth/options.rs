@@ -39,7 +39,7 @@ impl Effect {
             Self::Alpha => "photos carry alpha: sky and floor are transparent",
             Self::Masks => "something moves between photos; masks/ hides it and its shadow (black = ignore)",
             Self::Scales => "near and far cameras: pixel footprints differ by a factor of 4 and more",
-            Self::Glossy => "every surface reflects: colours depend on the view everywhere",
+            Self::Glossy => "all surfaces are glossy: all colours are view-dependent",
             Self::Matte => "no surface reflects: colours depend on the view nowhere",
             Self::Cameras => "three cameras with their own focal lengths and picture sizes",
         }

@@ -93,6 +93,9 @@ export class Camera {
     this.rotation = looking(way, this.up);
   }
 
+  /** The sphere about the target that fits into the picture's height: x, y, z, radius. */
+  get sphere() { return [...this.target, this.distance * Math.sin(this.fov / 2)]; }
+
   /** Puts the horizon level. */
   level() { if (length(cross(this.forward, this.up)) > 1e-3) this.rotation = looking(this.forward, this.up); }
 

@@ -213,8 +213,20 @@ function overlay() {
   const context = lines.getContext("2d");
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);
-  if (!$("frusta").checked || !state.camera || state.photo >= 0) return;
+  if (!state.camera) return;
+  if ($("crop").open) crop(context);
+  if (!$("frusta").checked || state.photo >= 0) return;
   draw(context, rectangle(), state.camera, state.scene.cameras, state.paints, state.length, state.photo);
+}
+
+/** Shows the sphere that fits into the picture: its outline, and the option that keeps what lies in it. */
+function crop(context) {
+  const [left, top, width, height] = rectangle();
+  context.beginPath();
+  context.arc(left + width / 2, top + height / 2, height / 2, 0, 2 * Math.PI);
+  context.strokeStyle = "#fff";
+  context.stroke();
+  $("crop").lastElementChild.textContent = `--crop-sphere ${state.camera.sphere.map((v) => Number(v.toPrecision(4))).join(",")}`;
 }
 
 // --- Input -------------------------------------------------------------------------------------------------------------------

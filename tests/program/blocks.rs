@@ -73,7 +73,7 @@ fn a_strip_in_blocks_is_as_good_as_in_one_piece() {
 
 #[test]
 fn blocks_have_the_same_bytes_whatever_happens() {
-    let options = ["--iterations", "160", "--checkpoint-every", "20"];
+    let options = ["--iterations", "100", "--checkpoint-every", "12"];
     let (mut stage, tasks) = planned(&options);
     stage.works(&["shard", "all", "a"]);
     stage.right = fs::read(stage.path("a/model.ply")).unwrap();
@@ -93,12 +93,12 @@ fn blocks_have_the_same_bytes_whatever_happens() {
         let work = fs::read_dir(stage.path("killed/work")).into_iter().flatten().flatten();
         work.map(|task| task.path().join("checkpoint.safetensors")).find(|checkpoint| checkpoint.exists())
     };
-    let (mut hit, mut at) = (BTreeSet::new(), 60);
+    let (mut hit, mut at) = (BTreeSet::new(), 40);
     loop {
         let mut all = stage.command(&["shard", "all", "killed"]);
         let fault = format!("submit:{at}:kill");
         let ended = end(all.env("QIRF_DEVICE_FAULT", fault));
-        at += 20; // a task without a checkpoint must end at some time
+        at += 15; // a task without a checkpoint must end at some time
         if ended.code.is_some() {
             ended.with(0, &[]);
             break;

@@ -104,7 +104,7 @@ fn rich() -> RunRecord {
         version: "0.0.0",
         device: tuned(),
         protocol: Protocol {
-            test_split: "every 8 by name".into(),
+            test_split: "one photo in 8, by name".into(),
             train_views: 35,
             test_views: names.len(),
             image_size: [64, 48],

@@ -4,6 +4,7 @@ use super::ended::{end, qirf, works};
 use super::run::{command, metrics, model, scene};
 use qirf_vk::job::run_log::LogLine;
 use qirf_vk::train::checkpoint::Snapshot;
+use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
 
@@ -186,6 +187,16 @@ fn a_finished_run_is_left_as_it_is() {
     says(&mut command(&scene, &foreign, &[]), 2, &["foreign/model.ply is of no run"]);
     let mut compare = qirf(["compare".as_ref(), scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);
     says(&mut compare, 2, &["holds a run and its figures"]);
+    let (model, renders) = (out.join("model.ply"), out.join("renders"));
+    for (command, input, output) in [("render", &model, &out), ("render", &model, &renders), ("sweep", &scene, &out)] {
+        let mut over = qirf([command.as_ref(), input.as_os_str(), "-o".as_ref(), output.as_os_str()]);
+        if command == "render" {
+            over.args(["--orbit", "2"]);
+        }
+        says(&mut over, 2, &["holds a run and its figures"]);
+    }
+    let small = ["compress", "tools/examples/ring.ply", "-o"].map(OsStr::new);
+    says(&mut qirf(small.into_iter().chain([model.as_os_str()])), 2, &["is a run's model"]);
     assert_eq!(before, files.map(written));
     let mut eval = qirf([
         "eval".as_ref(),

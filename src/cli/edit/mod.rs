@@ -35,7 +35,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk edit house.ply garden.spz -o both.ply
   qirf-vk edit model.ply --max-size 0.5 --count-only
 
-Operations apply in the order of the command line, to all models as one. Colours that depend on the direction turn with the model.";
+Operations apply in the order of the command line, to all models as one. View-dependent colours rotate with the model.";
 
 /// Share of a model above which floaters by photos are surprising: of trained models they were 1.2 % at most.
 const MANY: f64 = 0.05;

@@ -173,7 +173,7 @@ fn invert(asked: &mut [Asked]) -> Result<(), Error> {
 fn operation(name: &str, value: &str) -> Result<(Option<Operation>, String), String> {
     let crop = |region: Region, what: &str| {
         let edit = Edit::Crop { region, outside: false };
-        (Some(Operation::Edit(edit)), format!("their centres are not in the {what}"))
+        (Some(Operation::Edit(edit)), format!("centres outside the {what}"))
     };
     let moved = |similarity: Result<Similarity, String>| {
         similarity.map(|s| (Some(Operation::Edit(Edit::Transform(s))), String::new()))
@@ -181,10 +181,10 @@ fn operation(name: &str, value: &str) -> Result<(Option<Operation>, String), Str
     let edit = |edit: Edit, why: String| Ok((Some(Operation::Edit(edit)), why));
     match name {
         "crop-box" => Ok(crop(parse::cube(value)?, "box")),
-        "crop-sphere" => Ok(crop(parse::ball(value)?, "ball")),
+        "crop-sphere" => Ok(crop(parse::ball(value)?, "sphere")),
         "crop-views" => {
             let views = Operation::Views { scene: value.into(), outside: false };
-            Ok((Some(views), "their centres are not in enough pictures".to_owned()))
+            Ok((Some(views), "centres in too few pictures".to_owned()))
         }
         "translate" => moved(parse::shift(value)),
         "rotate" => moved(parse::turn(value)),

@@ -237,7 +237,7 @@ impl AxisRecord {
             );
         }
         let from = default.seconds().unwrap_or(f64::NAN);
-        let faster = others().filter(|(_, (_, time))| *time < from).min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
+        let faster = others().filter(|(_, (_, time))| *time < 0.97 * from).min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
         let rest = match faster {
             None => "no other is faster".to_owned(),
             Some((rung, _)) => format!(

@@ -135,7 +135,7 @@ pub fn protocol(
 ) -> Protocol {
     let Compared { train_views, test_views, image_size, background } = compared.into();
     Protocol {
-        test_split: format!("the data set's own, else every {} by name", selection.eval_every),
+        test_split: format!("the data set's own, else one photo in {}, by name", selection.eval_every),
         train_views,
         test_views,
         image_size,

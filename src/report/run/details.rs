@@ -71,7 +71,7 @@ pub fn effects(results: &RunRecord) -> Markup {
         .iter()
         .map(|d| {
             let state = if d.on { "on" } else { "off" };
-            let by = if d.forced { ", as requested" } else { "" };
+            let by = if d.forced { ", as configured" } else { "" };
             let near = if d.near_threshold { "; near its threshold" } else { "" };
             vec![d.name.name().to_owned(), format!("{state}{by}"), d.evidence.clone() + near]
         })

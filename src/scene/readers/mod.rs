@@ -275,7 +275,7 @@ fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -
     }
     if split_copies > 0 {
         let views = counted(split_copies, "view");
-        skipped.notes.push(format!("{views} listed for training and for test: a copied file is no split"));
+        skipped.notes.push(format!("{views} listed for training and for test, which is no split"));
     }
     Ok(kept)
 }

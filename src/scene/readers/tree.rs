@@ -163,11 +163,12 @@ pub(super) fn unread(names: &[String]) -> Option<String> {
     for name in names {
         some.add(name);
     }
-    (!names.is_empty()).then(|| format!("{photos} in {formats}, which {is_not} ({some}): {CONVERT_ALL}"))
+    names.first().map(|name| {
+        let every = Path::new(name).extension().map_or_else(|| "*".into(), |e| format!("*.{}", e.display()));
+        let convert = format!("convert them, with ImageMagick by `magick mogrify -format jpg -quality 95 {every}`");
+        format!("{photos} in {formats}, which {is_not} ({some}): {convert}")
+    })
 }
-
-/// How photos get a format that is read.
-const CONVERT_ALL: &str = "convert them, with ImageMagick by `magick mogrify -format jpg -quality 95`";
 
 /// The factor by which photos in a folder of this name are smaller: 4 for images_4; 1 for others.
 fn reduction(folder: &str) -> u32 {

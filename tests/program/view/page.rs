@@ -43,6 +43,27 @@ fn a_still_canvas_holds_the_pixels_of_the_file_that_render_writes() {
 }
 
 #[test]
+fn a_crop_option_tells_the_sphere_in_the_picture() {
+    let viewer = viewer(&[]);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    page.until(RESTED);
+    let crop = page.value("document.getElementById('crop').open = true; viewer.camera.target.concat(viewer.camera.distance, viewer.camera.fov)");
+    page.until("document.querySelector('#crop > code').textContent");
+    let (option, crop) = (page.value("document.querySelector('#crop > code').textContent"), numbers(&crop));
+    let option: Vec<f64> = option
+        .as_str()
+        .unwrap()
+        .strip_prefix("--crop-sphere ")
+        .unwrap()
+        .split(',')
+        .map(|v| v.parse().unwrap())
+        .collect();
+    let right = [crop[0], crop[1], crop[2], crop[3] * (0.5 * crop[4]).sin()];
+    assert!(option.iter().zip(right).all(|(a, b)| (a - b).abs() <= 1e-3 * crop[3]), "{option:?} {right:?}");
+    assert_eq!(page.complaints, Vec::<String>::new());
+}
+
+#[test]
 fn mouse_and_keys_move_the_camera() {
     let viewer = viewer(&[]);
     let Some(mut page) = Browser::open(&viewer.url) else { return };

@@ -17,7 +17,8 @@ const GROWTH: f64 = 1.03;
 /// Files of growing numbers of Gaussians at one rung, or of the whole model at finer and finer rungs.
 ///
 /// PSNR is about linear in the logarithm of the number of Gaussians, and in the rung. The search follows the secant through the two
-/// files nearest to the target; where that does not come nearer, as at jumps of the PSNR, it halves what is left between two files.
+/// files nearest to the target; where that does not come nearer, as at jumps of the PSNR, or leads out of what is left between two files, it
+/// halves that.
 #[derive(Clone)]
 pub(super) struct Row {
     /// The rung; none for the whole model.
@@ -66,10 +67,15 @@ impl Row {
         if first > last {
             return None;
         }
-        let at = match low.zip(high) {
-            Some((low, high)) if self.stalled => 0.5 * (self.abscissa(low) + self.abscissa(high)),
-            _ if self.known.is_empty() => self.guess,
-            _ => self.target(),
+        let expected = if self.known.is_empty() { self.guess } else { self.target() };
+        let at = match low.zip(high).map(|(low, high)| [self.abscissa(low), self.abscissa(high)]) {
+            Some([low, high])
+                if self.stalled || expected <= low || (expected >= high && high < self.abscissa(self.ends[1])) =>
+            {
+                0.5 * (low + high)
+            }
+            Some(_) => expected,
+            None => low.map_or(expected, |low| expected.min(self.abscissa(low) + self.reach())),
         };
         let number = if self.rung.is_some() { at.exp() } else { at };
         let number = (number.round() as usize).clamp(first, last);
@@ -96,6 +102,11 @@ impl Row {
         let steps = self.target() - self.abscissa(self.number(&near));
         let bytes = near.bytes as f64 * (if self.rung.is_some() { steps } else { steps * GROWTH.ln() }).exp();
         Some(bytes.max(low.map_or(0.0, |p| p.bytes as f64)).min(high.map_or(f64::INFINITY, |p| p.bytes as f64)))
+    }
+
+    /// The longest way beyond the last file: a curve that bends upwards promises nothing for long.
+    fn reach(&self) -> f64 {
+        if self.rung.is_some() { 2.0 * LN_2 } else { f64::INFINITY }
     }
 
     fn number(&self, point: &Point) -> usize {
