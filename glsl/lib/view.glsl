@@ -1,7 +1,8 @@
 // The camera in the kernels' form. Conventions: x right, y down, z forward; pixel centres at + 0.5.
 
 /// Inside the projection's Jacobian x/z and y/z are clamped to this multiple of the half field of view's tangent
-/// (3DGS's value), and beyond it only where the picture shows more on that side of the axis: further out the linearisation would enlarge Gaussians excessively.
+/// (3DGS's value), and beyond it only where the picture shows more on that side of the axis: further out the linearisation
+/// would enlarge Gaussians excessively.
 const float FIELD_MARGIN = 1.3;
 /// The same about the middle of a picture that is not around the axis.
 const float FIELD_BEYOND = 1.2;

@@ -235,10 +235,7 @@ fn check_no_run(output: &Path) -> Result<(), Error> {
 /// Refuses a file that is a run's model, which its figures describe.
 fn check_no_runs_model(output: &Path) -> Result<(), Error> {
     let folder = output.parent().unwrap_or(Path::new(""));
-    let models = ["model.ply", "model.sog"];
-    let is_runs = output.file_name().is_some_and(|name| models.iter().any(|model| name == *model))
-        && ["config.toml", "metrics.json"].iter().all(|file| folder.join(file).is_file());
-    if is_runs {
+    if output.file_name().is_some_and(|name| name == "model.ply" || name == "model.sog") && inspect::is_run(folder) {
         return Err(Error::Usage(format!(
             "{} is a run's model, which the figures beside it describe; name another file",
             output.display()

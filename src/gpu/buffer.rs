@@ -10,8 +10,8 @@ use bytemuck::Pod;
 use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc};
 use std::marker::PhantomData;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Weak};
 
 /// Vulkan has no empty buffers, and a fill needs a multiple of four bytes.
 const fn stored(bytes: u64) -> u64 {
@@ -67,10 +67,8 @@ impl RawBuffer {
         match (&mut made, &context.guards) {
             (Err(_), _) => context.memory.release(size),
             (Ok(buffer), Some(guards)) if guarded => {
-                let number = buffer.number();
-                red_zone::fill(number, buffer.mapped_mut().split_at_mut(size as usize));
-                let storage: Weak<Storage> = Arc::downgrade(&buffer.0);
-                guards.watch(number, storage);
+                red_zone::fill(buffer.number(), buffer.mapped_mut().split_at_mut(size as usize));
+                guards.watch(&buffer.0);
             }
             _ => {}
         }

@@ -1,4 +1,4 @@
-//! What a device's handles, buffers and submissions share.
+//! The state that a device's handles, buffers and submissions share.
 
 use super::choose::lease::Lease;
 use super::choose::properties::Candidate;

@@ -47,7 +47,7 @@ pub(super) enum Binder {
     Sets,
 }
 
-/// What the buffers of a pipeline are bound by.
+/// The layouts of a pipeline, and the template that binds its buffers.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Layouts {
     pub set: vk::DescriptorSetLayout,

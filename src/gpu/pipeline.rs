@@ -52,7 +52,8 @@ impl Pipeline {
         constants: &[u32],
     ) -> Result<Self, Error> {
         let mut made = Self::default();
-        if let Err(e) = made.complete(logical, cache, shader, constants) {
+        let laid_out = made.lay_out(logical, shader);
+        if let Err(e) = laid_out.and_then(|()| made.specialise(logical, cache, shader, constants)) {
             // SAFETY: no work uses what was made so far.
             unsafe { made.destroy(&logical.raw) };
             return Err(e);
@@ -61,13 +62,8 @@ impl Pipeline {
         Ok(made)
     }
 
-    fn complete(
-        &mut self,
-        logical: &Logical,
-        cache: vk::PipelineCache,
-        shader: &'static Shader,
-        constants: &[u32],
-    ) -> Result<(), Error> {
+    /// Makes the module and the layouts of its buffers.
+    fn lay_out(&mut self, logical: &Logical, shader: &'static Shader) -> Result<(), Error> {
         let device = &logical.raw;
         let (binder, buffers) = (&logical.binder, shader.bindings.len() as u32);
         let range =
@@ -87,7 +83,7 @@ impl Pipeline {
             self.module = device.create_shader_module(&module_info, None).during("create shader module")?;
         }
         self.layouts.template = binder.template(device, self.layouts.set, self.layouts.pipeline, buffers)?;
-        self.specialise(logical, cache, shader, constants)
+        Ok(())
     }
 
     /// Makes the pipeline itself: the module with its constants.

@@ -13,7 +13,7 @@ use qirf_vk::pipeline::trial::trial;
 use qirf_vk::scene::PhotoMemory;
 use qirf_vk::synth::{self, SynthOptions};
 
-/// What a trial of a synthetic capture without tracks finds: the gain by exposures in dB, whether it corrects poses, and the sentences.
+/// A trial of a synthetic capture without tracks: the gain by exposures in dB, whether it corrects poses, and its sentences.
 /// Cameras to train on are turned by up to `wrong` pixels.
 fn found(effects: &[synth::Effect], wrong: f64) -> (f64, bool, String) {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What tests ask of a device.
+//! Methods of a device for tests.
 
 use super::order::{Derived, Forget, Order};
 use super::red_zone::Guards;

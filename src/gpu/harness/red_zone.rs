@@ -45,8 +45,9 @@ pub(in crate::gpu) struct Guards {
 
 impl Guards {
     /// Watches a filled buffer from now on.
-    pub fn watch(&self, number: u64, buffer: Weak<dyn Guarded>) {
-        lock(&self.alive).insert(number, buffer);
+    pub fn watch<T: Guarded + 'static>(&self, buffer: &Arc<T>) {
+        let watched: Weak<T> = Arc::downgrade(buffer);
+        lock(&self.alive).insert(buffer.number(), watched);
     }
 
     /// Checks the red zone of a dropped buffer.

@@ -9,6 +9,9 @@ use std::collections::BTreeMap;
 /// Rungs whose times differ by less than this factor count as equally fast.
 const EQUALLY_FAST: f64 = 1.15;
 
+/// Share by which times of equal work may differ.
+const ALIKE: f64 = 0.03;
+
 /// The contents of `sweep.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct SweepRecord {
@@ -237,7 +240,8 @@ impl AxisRecord {
             );
         }
         let from = default.seconds().unwrap_or(f64::NAN);
-        let faster = others().filter(|(_, (_, time))| *time < 0.97 * from).min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
+        let faster =
+            others().filter(|(_, (_, time))| *time < (1.0 - ALIKE) * from).min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
         let rest = match faster {
             None => "no other is faster".to_owned(),
             Some((rung, _)) => format!(
@@ -257,7 +261,7 @@ impl AxisRecord {
         let (Some(a), Some(b)) = (rung.time, from.time) else { return "has a time that was not measured".to_owned() };
         let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.time);
         let words = match a.median / b.median {
-            r if (0.97..1.03).contains(&r) => "takes equally long".to_owned(),
+            r if (1.0 - ALIKE..1.0 + ALIKE).contains(&r) => "takes equally long".to_owned(),
             _ if a.samples > 1 && a.overlaps(&b) => "takes equally long within the spread".to_owned(),
             r if r >= 2.0 => format!("takes {r:.1} times as long"),
             r if r > 1.0 => format!("takes {:.0} % longer", 100.0 * (r - 1.0)),

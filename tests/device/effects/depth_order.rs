@@ -37,8 +37,8 @@ fn camera(turn: f64) -> Camera {
     Camera::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, 0.8, SIZE[0], SIZE[1])
 }
 
-fn draw(device: &Device, camera: &Camera, depth_order: bool) -> (Image, Vec<String>, u32) {
-    let resident = Resident::upload(device, &crossed()).unwrap();
+fn draw(device: &Device, model: &Gaussians, camera: &Camera, depth_order: bool) -> (Image, Vec<String>, u32) {
+    let resident = Resident::upload(device, model).unwrap();
     let settings = Style { depth_order, ..Style::default() }.over([0.0; 3]);
     let mut renderer = Renderer::new(device, settings, 2, camera.width, camera.height).unwrap();
     let (image, timings, _) = renderer.render_timed(&resident, camera).unwrap();
@@ -56,9 +56,9 @@ fn colours(image: &Image) -> impl Iterator<Item = [f64; 3]> {
 }
 
 /// The twin's picture, with tiles of side `tile` in pixels.
-fn twin(camera: &Camera, tile: u32, depth_order: bool) -> Vec<[f64; 3]> {
+fn twin(model: &Gaussians, camera: &Camera, tile: u32, depth_order: bool) -> Vec<[f64; 3]> {
     let settings = reference::Settings { tile, depth_order, ..Default::default() };
-    reference::render(&Params::from(&crossed()), camera, &settings).composite.image
+    reference::render(&Params::from(model), camera, &settings).composite.image
 }
 
 /// Two discs whose densest points on the rays through most tiles lie before the near plane.
@@ -66,26 +66,17 @@ fn twin(camera: &Camera, tile: u32, depth_order: bool) -> Vec<[f64; 3]> {
 fn what_is_densest_before_the_near_plane_has_an_order() {
     let device = device();
     let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.8, SIZE[0], SIZE[1]);
-    let mut model = Gaussians::zeroed(2, 0);
+    let mut model = crossed();
     for (i, (mean, size)) in [([-4.0, 0.0, 1.0], 4.0_f32), ([-3.0, 0.0, 0.6], 3.0)].into_iter().enumerate() {
         model.means[i] = mean;
         model.log_scales[i] = [size.ln(); 3];
         model.rotations[i] = [1.0, 0.0, 0.0, 0.0];
         model.opacity_logits[i] = 2.0;
-        model.sh[0][3 * i..3 * i + 3].copy_from_slice(if i == 0 { &[1.7, -1.7, -1.7] } else { &[-1.7, -1.7, 1.7] });
     }
-    let settings = Style { depth_order: true, ..Style::default() }.over([0.0; 3]);
-    let drawn = |model: &Gaussians| {
-        let mut renderer = Renderer::new(&device, settings, 2, camera.width, camera.height).unwrap();
-        let resident = Resident::upload(&device, model).unwrap();
-        (renderer.render(&resident, &camera).unwrap(), renderer.tile())
-    };
-    let (image, tile) = drawn(&model);
-    let (turned, _) = drawn(&model.select(&[1, 0]));
+    let (image, _, tile) = draw(&device, &model, &camera, true);
+    let (turned, ..) = draw(&device, &model.select(&[1, 0]), &camera, true);
     assert!(image.pixels == turned.pixels, "the order in the file decides");
-    let exact = reference::Settings { tile, depth_order: true, ..Default::default() };
-    let right = reference::render(&Params::from(&model), &camera, &exact).composite.image;
-    let off = apart(colours(&image), right.into_iter());
+    let off = apart(colours(&image), twin(&model, &camera, tile, true).into_iter());
     assert!(off < 1e-6, "{off:e} from the twin's");
     finish(&device);
 }
@@ -95,12 +86,12 @@ fn what_is_densest_before_the_near_plane_has_an_order() {
 fn leaves_of_a_door_are_both_before_each_other() {
     let device = device();
     let camera = camera(0.0);
-    let exact = twin(&camera, 1, true);
+    let exact = twin(&crossed(), &camera, 1, true);
     let mut off = [0.0; 2];
     for (off, depth_order) in off.iter_mut().zip([false, true]) {
-        let (image, scopes, tile) = draw(&device, &camera, depth_order);
+        let (image, scopes, tile) = draw(&device, &crossed(), &camera, depth_order);
         assert_eq!(scopes.iter().any(|s| s == "depth order"), depth_order, "{scopes:?}");
-        let like = apart(colours(&image), twin(&camera, tile, depth_order).into_iter());
+        let like = apart(colours(&image), twin(&crossed(), &camera, tile, depth_order).into_iter());
         assert!(like < 1e-6, "{like:e} from the twin's");
         *off = apart(colours(&image), exact.iter().copied());
     }
@@ -116,7 +107,7 @@ fn nothing_pops() {
     let mut most = [0.0_f64; 2];
     for (most, depth_order) in most.iter_mut().zip([false, true]) {
         let frames: Vec<Image> =
-            (0..=16).map(|k| draw(&device, &camera(1.47 + 0.0125 * f64::from(k)), depth_order).0).collect();
+            (0..=16).map(|k| draw(&device, &crossed(), &camera(1.47 + 0.0125 * f64::from(k)), depth_order).0).collect();
         for pair in frames.windows(2) {
             *most = most.max(apart(colours(&pair[0]), colours(&pair[1])));
         }

@@ -146,6 +146,9 @@ fn between(known: &[(f64, f64)], x: f64) -> f64 {
     a.1 + (x - a.0) * (b.1 - a.1) / (b.0 - a.0)
 }
 
+/// Playbot, with one of eight views held out.
+const EIGHT_VIEWS: &str = "playbot in eight views";
+
 /// Growth of PSNR: the same everywhere, slow, those of two models, slower at the end, with waves; and with jumps, where no file is near.
 const KINDS: [(&str, Growth); 7] = [
     ("even", |n| 20.0 + 4.5 * (n / 1000.0).log2()),
@@ -155,7 +158,7 @@ const KINDS: [(&str, Growth); 7] = [
             [(0.0, 9.0), (7.69, 33.98), (7.97, 35.12), (8.08, 35.78), (8.64, 38.95), (9.2, 43.09), (10.3, 53.1)];
         between(&known, n.ln())
     }),
-    ("playbot in eight views", |n| {
+    (EIGHT_VIEWS, |n| {
         let known = [
             (0.0, 12.0),
             (8.47, 24.91),
@@ -187,7 +190,7 @@ fn ladders() -> [(Vec<f64>, Vec<usize>); 4] {
 
 #[test]
 fn a_psnr_is_met_within_a_tenth_from_above_in_about_nine_encodes() {
-    let (mut failed, mut more) = (Vec::new(), 0);
+    let (mut failed, mut more) = (Vec::new(), [0; 2]);
     for (name, merged) in KINDS {
         for (rounding, steps) in ladders() {
             for whole in [700, 23_000, 91_000, 1_000_000] {
@@ -201,7 +204,7 @@ fn a_psnr_is_met_within_a_tenth_from_above_in_about_nine_encodes() {
                     // Where one Gaussian less misses the target, no number meets it.
                     let jumps = trials.psnr(best.rung, best.gaussians.max(2) - 1).unwrap() < wanted;
                     let met = (0.0..=0.1).contains(&off) || off > 0.0 && (name == "jumps" || jumps);
-                    more += usize::from(tried.len() > MOST && name != "jumps");
+                    more[usize::from(name == EIGHT_VIEWS)] += usize::from(tried.len() > MOST && name != "jumps");
                     if !met || tried.len() > MOST + 3 {
                         failed.push(format!(
                             "{name}, {whole}, {} rungs, {wanted}: {off:.2} dB off, {told:?}",
@@ -213,5 +216,9 @@ fn a_psnr_is_met_within_a_tenth_from_above_in_about_nine_encodes() {
         }
     }
     assert!(failed.is_empty(), "{} fail: {failed:#?}", failed.len());
-    assert!(more <= 40, "{more} of 672 searches without jumps took more than nine encodes");
+    // A curve of few views is harder than all others together.
+    assert!(
+        more.iter().all(|more| *more <= 20),
+        "{more:?} of 560 and 112 searches without jumps took more than nine encodes"
+    );
 }
