@@ -107,8 +107,8 @@ impl Model {
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let loaded = py.detach(|| formats::read(&path)).map_err(|e| raised(Error::from(e)))?;
-        if loaded.repairs.any() {
-            warn(py, &format!("{}: {}", path.display(), loaded.repairs))?;
+        if let Some(remark) = loaded.remark() {
+            warn(py, &format!("{}: {remark}", path.display()))?;
         }
         Ok(loaded.into())
     }

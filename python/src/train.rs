@@ -131,7 +131,7 @@ pub fn train(
     let folder = output.clone().unwrap_or_else(|| temporary.path().to_owned());
     let follower = Follower::new(on_step, on_progress);
     let done = py.detach(|| -> Result<_, Error> {
-        let output = Output::new(&folder)?;
+        let output = Output::claim(&folder)?;
         let found = Earlier::of(&output);
         if !resume && found == Earlier::Interrupted {
             return Err(Error::Unfinished(output.checkpoint()));
@@ -143,6 +143,7 @@ pub fn train(
         let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
         if !(resume && found == Earlier::Finished) {
             run::run(&session, &config, &output, resume)?;
+            output.complete();
         }
         let text = |path: PathBuf| std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source });
         Ok((text(output.metrics())?, formats::read(&output.model())?, text(output.log())?))

@@ -92,6 +92,7 @@ impl Arguments {
         let compression = PruneRule { keep, ..PruneRule::default() };
         let config =
             self.training.configuration(self.scene.clone(), console)?.pruned(Pruning { compression, ..pruning });
+        let _claimed = Output::claim(&self.output)?;
         self.check_earlier(&config)?;
         let networks = self.resources.networks()?;
         let device = self.resources.device(global)?;

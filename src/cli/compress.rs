@@ -208,11 +208,15 @@ pub(super) fn remarks(figures: &CompressRecord, console: &Console) {
     match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
         Some((Aim::Bytes(size), _)) if output.gaussians == input.gaussians && 20 * output.bytes < 19 * size => console
             .note(format_args!(
-                "no file of this model in this format needs {size} bytes: the whole model, as finely as the format allows, has {}",
+                "no better file of at most {size} bytes was found in this format than this one of the whole model, of {}",
                 output.bytes
             )),
         Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => console.note(format_args!(
             "no file in this format reaches {wanted} dB: this one, of the whole model, is the finest"
+        )),
+        Some((Aim::Psnr(wanted), Some(psnr))) if psnr > wanted + ABOVE => console.note(format_args!(
+            "no smaller file was found that reaches {wanted} dB: this one is {:.1} dB above",
+            psnr - wanted
         )),
         _ => {}
     }
@@ -225,6 +229,8 @@ pub(super) fn remarks(figures: &CompressRecord, console: &Console) {
 
 /// PSNR in dB below which a file is called a poor copy.
 const POOR: f64 = 40.0;
+/// Excess in dB over a wanted PSNR that is told.
+const ABOVE: f64 = 0.1;
 /// Loss in dB by packing alone that a compressed file does not need.
 const PACKED: f64 = 3.0;
 

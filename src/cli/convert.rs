@@ -5,6 +5,7 @@ use super::compress::{outcome, poor, remarks};
 use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
+use super::style;
 use super::values::{self, Up};
 use super::viewer;
 use crate::gaussians::formats::{self, Loaded, Precision, SpzPrecision, SpzVersion};
@@ -69,6 +70,8 @@ pub(super) struct Arguments {
     /// World axis that is up: x, y, z, -x, -y, -z, or auto (as in captures: -y)
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true, help_heading = "Pages (.html)")]
     up: Option<Up>,
+    #[command(flatten)]
+    rendering: style::Rendering,
     /// Maximum size of the page, such as 5MB: find the page with the highest PSNR
     #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = values::file_size, help_heading = "Pages (.html)")]
     size: Option<u64>,
@@ -106,7 +109,9 @@ impl Arguments {
         }
         let is_page = has_extension(&self.output, "html");
         self.check(is_page)?;
-        let loaded = self.placed(read_model(&self.input, console)?, console);
+        let mut loaded = self.placed(read_model(&self.input, console)?, console);
+        let style = self.rendering.style(&self.input, &loaded, None, console);
+        loaded.mode = style.mode();
         let format = if is_page { self.output.with_extension("spz") } else { self.output.clone() };
         // Quantised files are measured where there is a device.
         let exact = formats::is_exact(&format) && self.lod.is_none();
@@ -118,7 +123,7 @@ impl Arguments {
         if let Some((levels, session)) = self.lod.zip(session.as_ref()) {
             return self.write_levels(session, &loaded, levels as usize, console);
         }
-        let shell = is_page.then(|| self.shell(session.as_ref(), &loaded)).transpose()?;
+        let shell = is_page.then(|| self.shell(session.as_ref(), &loaded, style)).transpose()?;
         let wrap = |packed: &[u8]| shell.as_ref().map_or_else(Vec::new, |shell| shell.page(packed).into_bytes());
         let target = Target {
             path: &self.output,
@@ -129,13 +134,13 @@ impl Arguments {
             origin: loaded.origin,
         };
         if let Some((size, session)) = self.size.zip(session.as_ref()) {
-            return self.write_within(session, loaded, (&target, size), console);
+            return self.write_within(session, (loaded, style), (&target, size), console);
         }
         let cost = if exact {
             formats::write_at(&self.output, &loaded.gaussians, loaded.mode, loaded.origin).map_err(Error::writing)?;
             String::new()
         } else {
-            write_measured(session.as_ref(), &loaded, &target, console)?
+            write_measured(session.as_ref(), (&loaded, style), &target, console)?
         };
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
@@ -171,6 +176,14 @@ impl Arguments {
     /// Refuses options that the output does not read.
     fn check(&self, is_page: bool) -> Result<(), Error> {
         let for_pages = self.title.is_some() || self.background.is_some() || self.up.is_some() || self.scene.is_some();
+        if self.rendering.is_given() && !is_page {
+            let what =
+                "--antialias and --dilation apply only to pages here; `qirf-vk edit --antialias` sets a file's tag";
+            return Err(Error::Usage(what.into()));
+        }
+        if self.rendering.by_tile() {
+            return Err(Error::Usage("--depth-order: pages have one order of depths for the whole picture".into()));
+        }
         if for_pages && !is_page {
             let what = "--title, --background, --up and --scene are for pages: name an .html file";
             return Err(Error::Usage(what.into()));
@@ -197,13 +210,13 @@ impl Arguments {
     fn write_within(
         &self,
         session: &Session<'_>,
-        loaded: Loaded,
+        (loaded, style): (Loaded, Style),
         (target, size): (&Target<'_>, u64),
         console: &Console,
     ) -> Result<(), Error> {
         let cameras = VirtualCameras { up: self.up.unwrap_or(Up::Auto).direction(), ..VirtualCameras::default() };
         let views = ViewSource::OwnPictures { cameras, background: self.background.unwrap_or_default() };
-        let config = CompressConfig { views, style: Style::of(loaded.mode), ..CompressConfig::default() };
+        let config = CompressConfig { views, style, ..CompressConfig::default() };
         let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
         let record = compress_to(session, input, (&config, Some(Aim::Bytes(size))), target)?;
         remarks(&record, console);
@@ -236,7 +249,7 @@ impl Arguments {
     }
 
     /// The page without its model; with a device, it begins with a picture.
-    fn shell(&self, session: Option<&Session<'_>>, loaded: &Loaded) -> Result<Shell, Error> {
+    fn shell(&self, session: Option<&Session<'_>>, loaded: &Loaded, style: Style) -> Result<Shell, Error> {
         let stem = || self.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let start = match &self.scene {
             Some(path) => {
@@ -249,29 +262,30 @@ impl Arguments {
         let mut options = PageOptions {
             title: self.title.clone().unwrap_or_else(stem),
             background: self.background.unwrap_or_default(),
+            style,
             up: self.up.unwrap_or(Up::Auto).direction(),
             start,
             poster: None,
         };
         let room = self.size.is_none_or(|size| size >= WITH_POSTER);
         if let Some(session) = session.filter(|_| room) {
-            options.poster = viewer::poster(session, loaded, &options)?;
+            options.poster = viewer::poster(session, &loaded.gaussians, &options)?;
         }
-        Ok(Shell::new(&loaded.gaussians, loaded.mode, &options))
+        Ok(Shell::new(&loaded.gaussians, &options))
     }
 }
 
 /// Writes a quantised file; what it costs, for a message.
 fn write_measured(
     session: Option<&Session<'_>>,
-    loaded: &Loaded,
+    (loaded, style): (&Loaded, Style),
     target: &Target<'_>,
     console: &Console,
 ) -> Result<String, Error> {
     let model = &loaded.gaussians;
     let (packed, cost) = match session {
         Some(session) if !model.is_empty() => {
-            let (packed, psnr) = cost::pack(session, (model, Style::of(loaded.mode)), target)?;
+            let (packed, psnr) = cost::pack(session, (model, style), target)?;
             poor(console, target.path, psnr.unwrap_or(f64::INFINITY));
             let same = || "; pictures are equal".to_owned();
             (packed, psnr.map_or_else(same, |psnr| format!("; {psnr:.1} dB against it")))

@@ -47,6 +47,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
                 "use the original options (`--config {config}` gives `run` all of them) and photos, or another folder with -o"
             ))
         }
+        Error::Busy(_) => plain("wait until it ends, or name another folder with -o"),
         Error::Unfinished(checkpoint) => {
             Some(format!("add --resume to continue it, or delete {} to start from the beginning", checkpoint.display()))
         }
@@ -71,7 +72,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Encode { .. } => {
             plain("rename files and folders whose names are not UTF-8; if it happens again, please report it")
         }
-        Error::Edit(_) | Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
+        Error::Config { .. } | Error::Edit(_) | Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
     }
 }
 
@@ -191,6 +192,7 @@ fn training(error: &train::Error) -> Option<String> {
 fn model(error: &gaussians::Error) -> Option<String> {
     match error {
         gaussians::Error::SameFile { .. } => plain("give the output another name"),
+        gaussians::Error::NotAFile { .. } => plain("results are files: name one"),
         gaussians::Error::Unsupported { path, .. } if path.is_dir() => {
             other_kind(path).or_else(|| plain("give a model file or such a folder"))
         }

@@ -93,7 +93,7 @@ pub(super) struct Arguments {
     /// Folder for the pictures, created if absent; a film.mp4 of a path, which needs ffmpeg; the .png or .npy file of a panorama
     #[arg(short, long, value_name = "DIR|FILE", help_heading = "Pictures")]
     output: PathBuf,
-    /// Frames per second of a film [default: 30]
+    /// Frames per second of a film [default: as the path's file says, or 30]
     #[arg(long, value_name = "N", value_parser = values::frame_rate, help_heading = "Pictures")]
     fps: Option<f64>,
     /// File format
@@ -116,7 +116,7 @@ pub(super) struct Arguments {
 /// The picture to draw.
 enum Work {
     Shots(Vec<Shot>),
-    Film(Vec<Camera>),
+    Film(Vec<Camera>, f64),
     Panorama(Panorama),
 }
 
@@ -138,9 +138,9 @@ impl Arguments {
         let work = match (&scene, &self.path) {
             _ if self.panorama => Work::Panorama(self.whole((&model, origin), scene.as_ref(), &mut config)),
             (scene, Some(path)) => {
-                let cameras = self.walk(path, scene.as_ref(), (&model, origin), &mut config)?;
+                let (cameras, fps) = self.walk(path, scene.as_ref(), (&model, origin), &mut config)?;
                 if self.is_film() {
-                    Work::Film(cameras)
+                    Work::Film(cameras, self.fps.or(fps).unwrap_or(FPS))
                 } else {
                     Work::Shots(frames(cameras, &self.output, self.format))
                 }
@@ -156,9 +156,7 @@ impl Arguments {
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
         let (drawn, times) = match work {
             Work::Shots(shots) => (shots.len(), render(&session, model, &shots, &config)?),
-            Work::Film(cameras) => {
-                (cameras.len(), film(&session, model, (cameras, &config, self.fps.unwrap_or(FPS)), &self.output)?)
-            }
+            Work::Film(cameras, fps) => (cameras.len(), film(&session, model, (cameras, &config, fps), &self.output)?),
             Work::Panorama(panorama) => (6, panorama::draw(&session, &model, (&panorama, &config), &self.output)?),
         };
         if self.depth {
@@ -267,32 +265,35 @@ impl Arguments {
         Orbit { count, look, up: self.up.unwrap_or(Up::Auto).direction() }
     }
 
-    /// The cameras of a path.
+    /// The cameras of a path, and the frames per second that its file names.
     fn walk(
         &self,
         path: &Path,
         scene: Option<&Scene>,
         (model, origin): (&Gaussians, [f64; 3]),
         config: &mut RenderConfig,
-    ) -> Result<Vec<Camera>, Error> {
+    ) -> Result<(Vec<Camera>, Option<f64>), Error> {
         let count = self.frames.unwrap_or(FRAMES);
         let orbit = self.orbit(count);
         if path == Path::new("orbit") {
-            return Ok(orbit.cameras(model, config));
+            return Ok((orbit.cameras(model, config), None));
         }
         if let Some(scene) = scene {
             let resize = self.resolution.unwrap_or(Resize::Full);
             let keys: Vec<Camera> = scene.views.iter().map(|view| view.camera_at(resize)).collect();
-            return Ok(walk::walk(&keys, count));
+            return Ok((walk::walk(&keys, count), None));
         }
         let Orbit { look, up, .. } = orbit;
         let frame = walk::Frame { size: look.size, asked: self.size.is_some(), fov: look.fov, up };
-        let (mut keys, every) = walk::read(path, &frame)?;
+        let walk::PathFile { cameras: mut keys, every, fps } = walk::read(path, &frame)?;
+        if !model.is_empty() {
+            config.settings.near = near_at(config.settings.near, outline(model, up).framing(&look).distance);
+        }
         let from = origin_of_cameras(camera::mean_centre(keys.iter()), origin);
         for key in &mut keys {
             *key = key.relative_to(from);
         }
-        Ok(if every && self.frames.is_none() { keys } else { walk::walk(&keys, count) })
+        Ok(if every && self.frames.is_none() { (keys, fps) } else { (walk::walk(&keys, count), None) })
     }
 
     /// A panorama, whose near plane suits a small model.

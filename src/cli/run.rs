@@ -106,7 +106,7 @@ impl Arguments {
         }
         let input = Self::without_poses(&config)?;
         let recorder = self.recorder(&config)?;
-        let output = Output::new(&self.output)?;
+        let output = Output::claim(&self.output)?;
         let found = Earlier::of(&output);
         if found == Earlier::Interrupted && !self.resume {
             return Err(Error::Unfinished(output.checkpoint()));
@@ -132,7 +132,7 @@ impl Arguments {
             earlier::check(&output, &config)?;
         }
         if self.resume && found == Earlier::Finished {
-            return self.report_finished(console, &output);
+            return self.report_finished(console, global, (&config, &output));
         }
         let networks = self.resources.networks()?;
         let device = self.resources.device(global)?;
@@ -143,11 +143,15 @@ impl Arguments {
             .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
         if !self.no_report {
             let title = self.output.file_name().unwrap_or_default().to_string_lossy();
-            let viewer = self.with_model.then(|| viewer::of_file(&session, &output.model(), &title)).transpose()?;
+            let drawn = config.style.over(record.protocol.background);
+            let viewer = || viewer::of_run(&session, &output.model(), &title, drawn);
+            let viewer = self.with_model.then(viewer).transpose()?;
             report::write(&record, &output, viewer.as_deref())?;
         }
         tell_of_missing(&networks, console);
         let packed = self.size.map(|size| pack(&session, &config, &output, size)).transpose()?;
+        output.complete();
+        watcher.printed()?;
         self.report(console, &record, (packed.as_ref(), &output))
     }
 
@@ -209,9 +213,28 @@ impl Arguments {
         Ok(RunConfig { scene: output.scene(), images: None, ..config })
     }
 
-    /// Tells of a run that was finished before.
-    fn report_finished(&self, console: &Console, output: &Output) -> Result<(), Error> {
-        console.note(format_args!("{}: this run is finished; nothing to do", output.folder().display()));
+    /// Tells of a run that was finished before, and packs its model if that was not done.
+    fn report_finished(
+        &self,
+        console: &Console,
+        global: &Global,
+        (config, output): (&RunConfig, &Output),
+    ) -> Result<(), Error> {
+        let missing = self.size.filter(|_| !output.packed().exists());
+        let to_do = if missing.is_some() { "only model.sog is missing" } else { "nothing to do" };
+        console.note(format_args!("{}: this run is finished; {to_do}", output.folder().display()));
+        if let Some(size) = missing {
+            let (networks, watcher) = (self.resources.networks()?, Show::new(console));
+            let device = self.resources.device(global)?;
+            let packed = pack(&self.resources.session((&device, &networks), &watcher), config, output, size)?;
+            remarks(&packed, console);
+            console.note(format_args!("packed {}", outcome(&packed)));
+        }
+        if !output.report().exists() && !self.no_report {
+            console.note("it has no report.html: only the run itself can write one");
+        } else if self.with_model {
+            console.note("--with-model has no effect: its report.html is written");
+        }
         if self.json {
             let path = output.metrics();
             let text = std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source })?;
@@ -221,7 +244,13 @@ impl Arguments {
             return Ok(());
         }
         console.print(format_args!("model  {}", output.model().display()))?;
-        console.print(format_args!("report {}", output.report().display()))
+        if output.packed().exists() {
+            console.print(format_args!("packed {}", output.packed().display()))?;
+        }
+        if output.report().exists() {
+            console.print(format_args!("report {}", output.report().display()))?;
+        }
+        Ok(())
     }
 
     fn report(

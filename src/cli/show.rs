@@ -12,6 +12,7 @@ use crate::job::{Error, Watcher};
 use crate::train::Progress;
 use crate::wording::counted;
 use indicatif::ProgressBar;
+use std::io;
 use std::sync::OnceLock;
 
 /// Shows a job on the console; each stage has a bar of its own.
@@ -28,6 +29,7 @@ pub(super) struct Show<'a> {
     scores: OnceLock<ProgressBar>,
     pictures: OnceLock<ProgressBar>,
     files: OnceLock<ProgressBar>,
+    unprinted: OnceLock<Error>,
 }
 
 impl<'a> Show<'a> {
@@ -35,7 +37,22 @@ impl<'a> Show<'a> {
     pub fn new(console: &'a Console) -> Self {
         let [poses, photos, training, responses, scores, pictures, files] = Default::default();
         let (watch, recorder, pulse, json) = (Watch::begin(), None, Pulse::new(), false);
-        Self { console, watch, recorder, json, pulse, poses, photos, training, responses, scores, pictures, files }
+        let unprinted = OnceLock::new();
+        Self {
+            console,
+            watch,
+            recorder,
+            json,
+            pulse,
+            poses,
+            photos,
+            training,
+            responses,
+            scores,
+            pictures,
+            files,
+            unprinted,
+        }
     }
 
     /// Also writes what prunes knew and decided.
@@ -48,9 +65,22 @@ impl<'a> Show<'a> {
         self.json = json;
     }
 
+    /// The first line of a log that could not be printed, but for a reader that closed the pipe.
+    pub fn printed(&mut self) -> Result<(), Error> {
+        self.unprinted.take().map_or(Ok(()), Err)
+    }
+
     fn step(&self, bar: &OnceLock<ProgressBar>, what: &'static str, done: usize, total: usize) {
         advance(bar.get_or_init(|| self.console.bar(total as u64, what)), done as u64, total as u64);
         self.pulse.beat(self.console, (what, done as u64, total as u64), "");
+    }
+}
+
+/// Ignores an error of printing to a pipe that its reader closed.
+fn unless_closed(error: Error) -> Result<(), Error> {
+    match error {
+        Error::Print(cause) if cause.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        other => Err(other),
     }
 }
 
@@ -92,7 +122,9 @@ impl Watcher for Show<'_> {
             && let Ok(text) = serde_json::to_string(line)
         {
             // A reader that closed the pipe has seen enough; the run goes on.
-            let _ = self.console.print(text);
+            if let Err(error) = self.console.print(text).or_else(unless_closed) {
+                let _ = self.unprinted.set(error);
+            }
         }
     }
 

@@ -30,6 +30,16 @@ impl Rendering {
         self.antialias.map(RenderMode::of)
     }
 
+    /// True if an option asks for another style than the file's.
+    pub fn is_given(&self) -> bool {
+        self.antialias.is_some() || self.dilation.is_some() || self.depth_order
+    }
+
+    /// True if an order of depths per tile is asked for.
+    pub fn by_tile(&self) -> bool {
+        self.depth_order
+    }
+
     /// The style of a model of this mode, which the options have settled.
     pub fn of(&self, mode: RenderMode) -> Style {
         Style { antialias: mode.antialiased(), depth_order: self.depth_order, dilation: self.dilation }

@@ -95,7 +95,7 @@ impl Arguments {
         }
         check_no_run(&self.output)?;
         let device = self.resources.device(global)?;
-        Output::new(&self.output)?;
+        let _claimed = Output::claim(&self.output)?;
         let watcher = Show::new(console);
         let networks = Networks::default();
         let session = self.resources.session((&device, &networks), &watcher);

@@ -1,10 +1,12 @@
 //! Pages that draw a model by themselves, for `convert` and the reports of `run`.
 
-use crate::gaussians::formats::{self, Loaded};
+use crate::gaussians::outline::outline;
+use crate::gaussians::{Gaussians, formats};
 use crate::job::{Error, Session};
-use crate::pipeline::render::picture;
-use crate::render::Style;
+use crate::pipeline::render::{near_at, picture};
+use crate::render::Settings;
 use crate::report::picture::data_uri;
+use crate::scene::orbit::Look;
 use crate::view::alone::{PageOptions, page};
 use image::RgbImage;
 use std::path::Path;
@@ -13,22 +15,25 @@ use std::path::Path;
 const POSTER: (u32, u32) = (400, 250);
 
 /// The picture that a page with these options begins with, as a `data:` URI; none of an empty model.
-pub(super) fn poster(session: &Session<'_>, loaded: &Loaded, options: &PageOptions) -> Result<Option<String>, Error> {
-    let model = &loaded.gaussians;
+pub(super) fn poster(session: &Session<'_>, model: &Gaussians, options: &PageOptions) -> Result<Option<String>, Error> {
     if model.is_empty() {
         return Ok(None);
     }
     let camera = options.first(model, POSTER);
     let size = [camera.width, camera.height];
-    let image = picture(session, model, Style::of(loaded.mode).over(options.background), &camera)?;
+    let settings = options.style.over(options.background);
+    let distance = outline(model, options.up.normalize()).framing(&Look { size: POSTER, ..Look::default() }).distance;
+    let settings = Settings { near: near_at(settings.near, distance), ..settings };
+    let image = picture(session, model, settings, &camera)?;
     let bytes = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
     Ok(RgbImage::from_raw(size[0], size[1], bytes.collect()).as_ref().and_then(data_uri))
 }
 
-/// The page of the model in this file.
-pub(super) fn of_file(session: &Session<'_>, path: &Path, title: &str) -> Result<String, Error> {
-    let loaded = formats::read(path)?;
-    let mut options = PageOptions { title: title.to_owned(), ..PageOptions::default() };
-    options.poster = poster(session, &loaded, &options)?;
-    page(&loaded.gaussians, loaded.mode, &options, path).map_err(Error::writing)
+/// The page of the model in this file, drawn as its run drew it.
+pub(super) fn of_run(session: &Session<'_>, path: &Path, title: &str, drawn: Settings) -> Result<String, Error> {
+    let model = formats::read(path)?.gaussians;
+    let Settings { background, style, .. } = drawn;
+    let mut options = PageOptions { title: title.to_owned(), background, style, ..PageOptions::default() };
+    options.poster = poster(session, &model, &options)?;
+    page(&model, &options, path).map_err(Error::writing)
 }

@@ -29,6 +29,9 @@ pub enum Error {
     /// Writing would replace the file that the model was read from.
     #[error("{}: this is the input file itself", path.display())]
     SameFile { path: PathBuf },
+    /// Writing would replace a device, a pipe or a socket by a file.
+    #[error("{}: this is a device, a pipe or a socket, not a file", path.display())]
+    NotAFile { path: PathBuf },
     /// The arrays of a model disagree in length.
     #[error("inconsistent model: {what}")]
     Inconsistent {

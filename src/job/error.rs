@@ -22,6 +22,9 @@ pub enum Error {
     /// Figures or options that JSON or TOML cannot represent.
     #[error("{what} cannot be written: {reason}")]
     Encode { what: &'static str, reason: String },
+    /// A `config.toml` that is damaged, or has unknown or wrong fields.
+    #[error("{}: {what}", path.display())]
+    Config { path: PathBuf, what: String },
     /// A checkpoint of another version of the program.
     #[error("{}: this checkpoint is of another version of the program: {what}", path.display())]
     Checkpoint { path: PathBuf, what: String },
@@ -94,6 +97,9 @@ pub enum Error {
     /// A new run would overwrite the checkpoint of an interrupted one.
     #[error("{} belongs to an interrupted run, which this run would overwrite", .0.display())]
     Unfinished(PathBuf),
+    /// Another process writes into the folder of results.
+    #[error("another process is working in {}", .0.display())]
+    Busy(PathBuf),
     /// A picture that would be written into a photo folder of its scene.
     #[error("{} would lie among the scene's own photos", .0.display())]
     AmongPhotos(PathBuf),

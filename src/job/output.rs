@@ -1,19 +1,25 @@
-//! Paths of a job's files.
+//! Paths of a job's files, and the lock of their folder.
 
 use crate::gaussians::formats;
 use crate::job::Error;
+use fs4::{FileExt, TryLockError};
 use serde::Serialize;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// A folder of results.
-pub struct Output(PathBuf);
+pub struct Output {
+    folder: PathBuf,
+    /// Held until the end; the system releases it however the process ends.
+    _lock: Option<File>,
+}
 
 /// Paths in the folder.
 macro_rules! paths {
     ($($(#[$doc:meta])* $name:ident: $file:literal,)*) => {
         impl Output {
             $($(#[$doc])* pub fn $name(&self) -> PathBuf {
-                self.0.join($file)
+                self.folder.join($file)
             })*
         }
     };
@@ -41,10 +47,24 @@ paths! {
 }
 
 impl Output {
+    /// Opens a folder, created if absent, for this process alone.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] if another process has it, as far as the file system knows locks; [`Error::Write`].
+    pub fn claim(folder: &Path) -> Result<Self, Error> {
+        let output = Self::new(folder)?;
+        let Ok(lock) = lockable(folder) else { return Ok(output) };
+        match FileExt::try_lock(&lock) {
+            Err(TryLockError::WouldBlock) => Err(Error::Busy(folder.to_owned())),
+            Err(TryLockError::Error(_)) => Ok(output),
+            Ok(()) => Ok(Self { _lock: Some(lock), ..output }),
+        }
+    }
+
     /// Opens a folder, created if absent. Temporary files that a killed program left there are removed.
     pub fn new(folder: &Path) -> Result<Self, Error> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
-        let output = Self(folder.to_owned());
+        let output = Self { folder: folder.to_owned(), _lock: None };
         for file in [output.checkpoint(), output.config(), output.model(), output.metrics(), output.report()] {
             formats::remove_leftovers(&file);
         }
@@ -53,7 +73,12 @@ impl Output {
 
     /// The folder itself.
     pub fn folder(&self) -> &Path {
-        &self.0
+        &self.folder
+    }
+
+    /// Ends a run whose results are all written: its checkpoint, if there is one, is no longer needed.
+    pub fn complete(&self) {
+        let _ = std::fs::remove_file(self.checkpoint());
     }
 
     /// Writes `document` as JSON, whole or not at all; `what` names it in errors.
@@ -65,6 +90,14 @@ impl Output {
     pub fn text(path: &Path, text: &str) -> Result<(), Error> {
         formats::write_atomically(path, |out| out.write_all(text.as_bytes())).map_err(Error::writing)
     }
+}
+
+/// What stands for a folder in a lock: itself, where folders can be opened.
+fn lockable(folder: &Path) -> std::io::Result<File> {
+    if cfg!(unix) {
+        return File::open(folder);
+    }
+    File::options().write(true).create(true).truncate(false).open(folder.join(".lock"))
 }
 
 /// The same path from the root, for work in another folder.
@@ -97,5 +130,20 @@ pub fn bytes_on_disk(path: &Path) -> u64 {
     match std::fs::read_dir(path) {
         Ok(entries) => entries.flatten().map(|e| file(&e.path())).sum(),
         Err(_) => file(path),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_for_one_at_a_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let claimed = Output::claim(folder.path()).unwrap();
+        assert!(matches!(Output::claim(folder.path()), Err(Error::Busy(_))));
+        assert!(Output::new(folder.path()).is_ok(), "for readers, and parts of the same job");
+        drop(claimed);
+        assert!(Output::claim(folder.path()).is_ok());
     }
 }

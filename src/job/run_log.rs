@@ -1,6 +1,7 @@
 //! `log.jsonl`: the progress of a run, as lines of JSON (docs/metrics.md).
 
 use super::error::Error;
+use crate::gaussians::formats;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::Write;
@@ -57,16 +58,15 @@ pub struct RunLog {
 impl RunLog {
     /// Opens the log of a run that goes on after `iteration`: earlier lines stay, others go.
     pub fn open(path: &Path, iteration: u32) -> Result<Self, Error> {
-        let before = if iteration == 0 { String::new() } else { std::fs::read_to_string(path).unwrap_or_default() };
-        let stays = |line: &&str| serde_json::from_str::<LogLine>(line).is_ok_and(|line| line.iteration <= iteration);
-        let opened = || -> std::io::Result<File> {
-            let mut file = File::create(path)?;
-            for line in before.lines().filter(stays) {
-                writeln!(file, "{line}")?;
-            }
-            Ok(file)
-        };
-        let file = opened().map_err(|source| Error::Write { path: path.to_owned(), source })?;
+        let before = if iteration == 0 { Vec::new() } else { std::fs::read(path).unwrap_or_default() };
+        let stays =
+            |line: &&[u8]| serde_json::from_slice::<LogLine>(line).is_ok_and(|line| line.iteration <= iteration);
+        formats::write_atomically(path, |out| {
+            before.split(|b| *b == b'\n').filter(stays).try_for_each(|line| out.write_all(&[line, b"\n"].concat()))
+        })
+        .map_err(Error::writing)?;
+        let opened = File::options().append(true).open(path);
+        let file = opened.map_err(|source| Error::Write { path: path.to_owned(), source })?;
         Ok(Self { path: path.to_owned(), file })
     }
 
@@ -118,7 +118,7 @@ mod tests {
             log.add(&line(iteration)).unwrap();
         }
         // A killed program may leave half a line.
-        std::fs::write(&path, std::fs::read_to_string(&path).unwrap() + "{\"iteration\": 1").unwrap();
+        std::fs::write(&path, [&std::fs::read(&path).unwrap()[..], b"\xff\n{\"iteration\": 1"].concat()).unwrap();
         RunLog::open(&path, 20).unwrap().add(&line(25)).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
         let read = |line: &str| serde_json::from_str::<LogLine>(line).unwrap();

@@ -10,7 +10,8 @@ use crate::job::records::RunRecord;
 use crate::job::session::Session;
 
 /// Trains, prunes if configured, evaluates and writes a run. With `resume` it continues from the folder's checkpoint,
-/// if there is one, and gives the same bytes as an uninterrupted run.
+/// if there is one, and gives the same bytes as an uninterrupted run. The checkpoint stays: once all that is made from the
+/// results is written, [`Output::complete`] removes it.
 ///
 /// # Errors
 /// Any error from reading the scene to writing results; [`Error::Interrupted`] after a checkpoint.
@@ -29,7 +30,5 @@ pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: b
     if setup.config.prune.is_some() && record.prunes.is_empty() {
         session.watcher.note("the run is too short for its prune: the model is not pruned; give more --iterations");
     }
-    // The run is complete: its checkpoint is no longer needed.
-    let _ = std::fs::remove_file(output.checkpoint());
     Ok(record)
 }

@@ -8,10 +8,12 @@ use super::{budget, effects};
 use crate::effects::Decision;
 use crate::gpu::Device;
 use crate::job::config::{Init, RunConfig};
+use crate::job::output::same_place;
 use crate::job::records::Trial;
 use crate::job::session::Session;
 use crate::job::{Error, Output, Watcher};
 use crate::train::Exposures;
+use std::path::Path;
 use std::time::Instant;
 
 /// A scene ready to train on, with the data that its runs share.
@@ -101,8 +103,14 @@ impl<'a> Setup<'a> {
     /// Writes `config.toml`, after a check that `start` belongs to this configuration.
     pub fn write_config(&self, start: &Start, output: &Output) -> Result<(), Error> {
         let Start::Resumed(checkpoint) = start else {
-            // Figures of an earlier run in this folder would mark this one as finished.
-            let _ = std::fs::remove_file(output.metrics());
+            // Figures of an earlier run in this folder would mark this one as finished, and what was made from them would lie beside
+            // another model.
+            let initial = if let Init::Model(path) = &self.config.init { path.as_path() } else { Path::new("") };
+            for file in [output.metrics(), output.report(), output.packed()] {
+                if !same_place(&file, initial) {
+                    let _ = std::fs::remove_file(file);
+                }
+            }
             return Output::text(&output.config(), &self.config.written_in(output.folder())?);
         };
         let unreadable = |e: toml::de::Error| Error::Checkpoint {
@@ -111,7 +119,10 @@ impl<'a> Setup<'a> {
         };
         let earlier: RunConfig = toml::from_str(&checkpoint.notes.config).map_err(unreadable)?;
         let changes = self.config.changes(&earlier.read_in(output.folder()));
-        if changes.is_empty() { Ok(()) } else { Err(Error::OtherRun { folder: output.folder().to_owned(), changes }) }
+        if !changes.is_empty() {
+            return Err(Error::OtherRun { folder: output.folder().to_owned(), changes });
+        }
+        if output.config().exists() { Ok(()) } else { Output::text(&output.config(), &checkpoint.notes.config) }
     }
 }
 

@@ -121,12 +121,23 @@ pub struct Frame {
     pub up: DVec3,
 }
 
-/// The cameras of a path's file, and true if they are all its frames and not keys of a path: `{"keys": [{"eye": [x, y, z], "target": [x, y, z], "up": [x, y, z], "fov": degrees}, ...]}`, of which up
-/// and fov may be absent; or nerfstudio's, `{"camera_path": [{"camera_to_world": [16 numbers], "fov": degrees}, ...]}`.
+/// A path's file.
+#[derive(Clone, Debug)]
+pub struct PathFile {
+    /// Its cameras.
+    pub cameras: Vec<Camera>,
+    /// True if they are all frames, and not keys of a path.
+    pub every: bool,
+    /// Frames per second, if the file says.
+    pub fps: Option<f64>,
+}
+
+/// Reads a path: `{"keys": [{"eye": [x, y, z], "target": [x, y, z], "up": [x, y, z], "fov": degrees}, ...]}`, of which up and fov may
+/// be absent; or nerfstudio's, `{"camera_path": [{"camera_to_world": [16 numbers], "fov": degrees}, ...], "fps": 24}`.
 ///
 /// # Errors
 /// [`Error::Io`]; [`Error::Malformed`] names the camera.
-pub fn read(path: &Path, frame: &Frame) -> Result<(Vec<Camera>, bool), Error> {
+pub fn read(path: &Path, frame: &Frame) -> Result<PathFile, Error> {
     let text = read_text(path)?;
     let whole = |what: String| Error::malformed(path, "file", what);
     let document: Value = serde_json::from_str(&text).map_err(|e| whole(format!("no JSON: {e}")))?;
@@ -146,7 +157,8 @@ pub fn read(path: &Path, frame: &Frame) -> Result<(Vec<Camera>, bool), Error> {
     let cameras = cameras
         .ok_or_else(|| whole("it holds no camera: neither `keys` nor `camera_path` is a list with some".into()))?;
     let one = |(i, camera)| read(camera, frame).map_err(|what| Error::malformed(path, format!("{name}[{i}]"), what));
-    Ok((cameras.iter().enumerate().map(one).collect::<Result<_, _>>()?, every))
+    let fps = document["fps"].as_f64().filter(|fps| (0.1..=1000.0).contains(fps));
+    Ok(PathFile { cameras: cameras.iter().enumerate().map(one).collect::<Result<_, _>>()?, every, fps })
 }
 
 /// A reader of one camera.
@@ -154,12 +166,19 @@ type Reader = fn(&Value, &Frame) -> Result<Camera, String>;
 
 /// A camera that looks from a point to another.
 fn looking(key: &Value, frame: &Frame) -> Result<Camera, String> {
+    let known = ["eye", "target", "up", "fov"];
+    if let Some(name) = key.as_object().and_then(|key| key.keys().find(|name| !known.contains(&name.as_str()))) {
+        return Err(format!("{name} is unknown; a key has eye, target, up and fov"));
+    }
     let point = |name: &str| numbers_of::<3>(&key[name]).map(DVec3::from_array);
     let eye = point("eye").ok_or("eye: write [x, y, z]")?;
     let target = point("target").ok_or("target: write [x, y, z]")?;
     let up = if key["up"].is_null() { frame.up } else { point("up").ok_or("up: write [x, y, z]")? };
     if eye == target {
         return Err("eye and target are one point".into());
+    }
+    if up == DVec3::ZERO {
+        return Err("up: write a direction, not 0, 0, 0".into());
     }
     Ok(Camera::look_at(eye, target, up, fov(key, frame)?, frame.size.0, frame.size.1))
 }
@@ -252,14 +271,16 @@ mod tests {
         let keys = read(
             r#"{"keys": [{"eye": [0, 0, -4], "target": [0, 0, 0]}, {"eye": [4, 0, 0], "target": [0, 0, 0], "fov": 60}]}"#,
         );
-        let (keys, every) = keys.unwrap();
-        assert!(!every);
+        let PathFile { cameras: keys, every, fps } = keys.unwrap();
+        assert!(!every && fps.is_none());
         assert!((keys[0].rotation - at(0.0, -4.0).rotation).to_cols_array().iter().all(|x| x.abs() < 1e-12));
         assert!(keys[1].focal.x < keys[0].focal.x);
         // Nerfstudio's identity looks along -z with y up.
-        let posed = read(r#"{"camera_path": [{"camera_to_world": [1,0,0,1, 0,1,0,2, 0,0,1,3, 0,0,0,1], "fov": 40}]}"#);
-        let (posed, every) = posed.unwrap();
-        assert!(every);
+        let posed = read(
+            r#"{"camera_path": [{"camera_to_world": [1,0,0,1, 0,1,0,2, 0,0,1,3, 0,0,0,1], "fov": 40}], "fps": 24}"#,
+        );
+        let PathFile { cameras: posed, every, fps } = posed.unwrap();
+        assert!(every && fps == Some(24.0));
         assert_eq!(posed[0].centre(), DVec3::new(1.0, 2.0, 3.0));
         let seen = posed[0].rotation * DVec3::new(1.0, 3.0, 1.0) + posed[0].translation;
         assert_eq!(seen, DVec3::new(0.0, -1.0, 2.0));
@@ -267,7 +288,7 @@ mod tests {
         let sized = |frame: &Frame| {
             let text = format!(r#"{{"render_width": 320, "render_height": 200, "camera_path": {pose}}}"#);
             std::fs::write(&file, format!("\u{feff}{text}")).unwrap();
-            super::read(&file, frame).unwrap().0[0].clone()
+            super::read(&file, frame).unwrap().cameras[0].clone()
         };
         assert_eq!((sized(&frame).width, sized(&frame).height), (320, 200));
         assert_eq!(sized(&Frame { asked: true, ..frame }).width, 64);
@@ -278,6 +299,8 @@ mod tests {
             (r#"{"keys": [{"eye": [0, 0], "target": [0, 0, 0]}]}"#, "keys[0]"),
             (r#"{"keys": [{"eye": [0, 0, 0], "target": [0, 0, 0]}]}"#, "one point"),
             (r#"{"keys": [{"eye": [0, 0, 1], "target": [0, 0, 0], "fov": 200}]}"#, "fov"),
+            (r#"{"keys": [{"eye": [0, 0, 1], "target": [0, 0, 0], "fovv": 20}]}"#, "fovv is unknown"),
+            (r#"{"keys": [{"eye": [0, 0, 1], "target": [0, 0, 0], "up": [0, 0, 0]}]}"#, "up: write a direction"),
             (r#"{"camera_path": [{"camera_to_world": [0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0]}]}"#, "camera_path[0]"),
             (r#"{"camera_type": "equirectangular", "camera_path": [0]}"#, "--panorama"),
             (r#"{"camera_path": [{"camera_to_world": [1,1,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}]}"#, "orthogonal"),

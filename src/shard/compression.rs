@@ -112,7 +112,7 @@ impl CompressPlan {
             Stage::Evidence => files.part(task, self.gaussians).map(drop),
             Stage::Choose => files.beside::<Chosen>(task).map(drop),
             Stage::Score => files.sealed::<Vec<ViewStages>>(task).map(drop),
-            _ => Ok(()),
+            _ => files.check_figures(task),
         }
     }
 
@@ -181,6 +181,6 @@ impl CompressPlan {
             "test": StageScores::mean(&views),
             "views": views,
         });
-        Ok(format!("{record:#}\n").into_bytes())
+        Ok(files.figures(record))
     }
 }

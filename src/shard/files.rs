@@ -11,6 +11,7 @@ use crate::response::Responses;
 use crate::train::checkpoint::Snapshot;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::path::PathBuf;
 
 /// Notes of a training state that name its plan and its task.
@@ -93,6 +94,16 @@ impl Files {
     /// The bytes of a task's figures.
     pub fn seal(&self, task: Task, content: &impl Serialize) -> Result<Vec<u8>, Error> {
         sealed::bytes(&self.hash, &task.to_string(), content)
+    }
+
+    /// Checks the figures for readers that a task wrote.
+    pub fn check_figures(&self, task: Task) -> Result<(), Error> {
+        self.read(self.first(task), task, |bytes, plan, _| sealed::check_stamped(bytes, plan))
+    }
+
+    /// The bytes of figures for readers.
+    pub fn figures(&self, figures: Value) -> Vec<u8> {
+        sealed::stamped(figures, &self.hash)
     }
 
     /// The training state that a task wrote.

@@ -17,14 +17,14 @@ pub use plan::{Job, Plan};
 pub use task::{Listed, Stage, Task};
 
 use crate::gaussians::formats;
-use crate::job::{Error, Session};
+use crate::job::{Error, Session, Watcher};
 use crate::wording::mebibytes;
 use files::Files;
-use fs4::FileExt;
+use fs4::{FileExt, TryLockError};
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// A folder with a plan and the files of its tasks.
 pub struct Shard {
@@ -90,7 +90,7 @@ impl Shard {
     /// another plan; errors of the work itself.
     pub fn run(&self, session: &Session<'_>, task: Task) -> Result<(), Error> {
         self.has(task)?;
-        let _lock = self.lock(task)?;
+        let _lock = self.lock(session.watcher, task)?;
         if self.state_of_files(task) == State::Done {
             return Ok(());
         }
@@ -157,21 +157,30 @@ impl Shard {
 
     /// The lock of a task, released when the process ends, however it ends. `None` on a file system without locks: two
     /// processes that run the same task produce the same result.
-    fn lock(&self, task: Task) -> Result<Option<File>, Error> {
+    fn lock(&self, watcher: &dyn Watcher, task: Task) -> Result<Option<File>, Error> {
         let path = self.lock_file(task);
         let failed = |source| Error::Write { path: path.clone(), source };
         std::fs::create_dir_all(path.parent().unwrap_or(&self.files.folder)).map_err(failed)?;
         let file = OpenOptions::new().write(true).create(true).truncate(false).open(&path).map_err(failed)?;
-        match FileExt::lock(&file) {
-            Ok(()) => Ok(Some(file)),
-            Err(error) if error.kind() == io::ErrorKind::Unsupported => Ok(None),
-            Err(error) => Err(failed(error)),
+        let mut told = false;
+        loop {
+            match FileExt::try_lock(&file) {
+                Ok(()) => return Ok(Some(file)),
+                Err(TryLockError::WouldBlock) => watcher.unless_stopped()?,
+                Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => return Ok(None),
+                Err(TryLockError::Error(error)) => return Err(failed(error)),
+            }
+            if !told {
+                watcher.note(&format!("{task}: waiting for another process that runs it"));
+                told = true;
+            }
+            std::thread::sleep(Duration::from_millis(200));
         }
     }
 
     fn is_locked(&self, task: Task) -> bool {
         let Ok(file) = File::open(self.lock_file(task)) else { return false };
-        matches!(FileExt::try_lock(&file), Err(fs4::TryLockError::WouldBlock))
+        matches!(FileExt::try_lock(&file), Err(TryLockError::WouldBlock))
     }
 
     fn state_of_files(&self, task: Task) -> State {

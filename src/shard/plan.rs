@@ -14,6 +14,10 @@ use std::path::{Path, PathBuf};
 /// The format and version that mark a plan as this program's.
 const MADE_BY: &str = "qirf-vk shard";
 
+/// The list of tasks and the workflow, which are written before the plan.
+const TASKS: &str = "tasks.json";
+const SNAKEFILE: &str = "Snakefile";
+
 /// The plan of a job in tasks. It does not contain the number of processes: the results do not depend on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -81,6 +85,9 @@ impl Plan {
         let wrong = |what: String| Error::Part { path: path.clone(), what, task: "plan".to_owned() };
         let plan = plan.map_err(|e| wrong(format!("it is no plan: {e}")))?;
         match (plan.made_by == MADE_BY, plan.version == env!("CARGO_PKG_VERSION")) {
+            (true, true) if listed_hash(folder).is_some_and(|hash| hash != plan.hash()) => {
+                Err(wrong(format!("it is not the plan that {TASKS} beside it lists: one of them was changed")))
+            }
             (true, true) => Ok(plan),
             (true, false) => Err(wrong(format!("it was made by version {}", plan.version))),
             _ => Err(wrong("it was made by another program".to_owned())),
@@ -95,8 +102,15 @@ impl Plan {
         let what = match Self::read(folder) {
             Ok(there) if there == *self => None,
             Ok(_) => Some("holds another plan"),
+            // What a plan writes first may be left of an attempt that failed.
             Err(_) => {
-                std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()).then_some("is not empty")
+                let begun = |entry: &std::fs::DirEntry| {
+                    let name = entry.file_name();
+                    name == SNAKEFILE || name == TASKS || name.to_string_lossy().ends_with(".tmp")
+                };
+                let alien = |entry: std::io::Result<std::fs::DirEntry>| entry.map_or(true, |entry| !begun(&entry));
+                let foreign = |mut entries: std::fs::ReadDir| file(folder).exists() || entries.any(alien);
+                std::fs::read_dir(folder).is_ok_and(foreign).then_some("is not empty")
             }
         };
         if let Some(what) = what {
@@ -105,16 +119,25 @@ impl Plan {
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
         let files = self.files(folder);
         let tasks: Vec<Value> = files.listed.iter().map(|listed| entry(&files, listed)).collect();
-        Output::text(&folder.join("Snakefile"), include_str!("Snakefile"))?;
-        Output::json(&folder.join("tasks.json"), "tasks.json", &json!({ "plan": files.hash, "tasks": tasks }))?;
+        Output::text(&folder.join(SNAKEFILE), include_str!("Snakefile"))?;
+        Output::json(&folder.join(TASKS), TASKS, &json!({ "plan": files.hash, "tasks": tasks }))?;
         Output::json(&file(folder), "plan.json", self)
+    }
+
+    fn hash(&self) -> String {
+        format!("{:08x}", crc32([serde_json::to_string(self).unwrap_or_default().as_bytes()]))
     }
 
     /// The files of its tasks in `folder`. Their hash, which parts contain, identifies the plan.
     pub(super) fn files(&self, folder: &Path) -> Files {
-        let hash = format!("{:08x}", crc32([serde_json::to_string(self).unwrap_or_default().as_bytes()]));
-        Files { folder: folder.to_owned(), hash, listed: self.job.tasks(&self.output) }
+        Files { folder: folder.to_owned(), hash: self.hash(), listed: self.job.tasks(&self.output) }
     }
+}
+
+/// The hash of the plan that a folder's list of tasks names.
+fn listed_hash(folder: &Path) -> Option<String> {
+    let list: Value = serde_json::from_slice(&std::fs::read(folder.join(TASKS)).ok()?).ok()?;
+    list["plan"].as_str().map(str::to_owned)
 }
 
 /// A task as in `tasks.json`.

@@ -1,4 +1,4 @@
-//! JSON files of tasks, with the plan's hash and a checksum of the content.
+//! JSON files of tasks, with the plan's hash and a checksum of the content; and figures for readers, which end with both.
 
 use crate::gaussians::formats::crc32;
 use crate::job::Error;
@@ -27,6 +27,21 @@ pub(super) fn bytes(plan: &str, task: &str, content: &impl Serialize) -> Result<
     let content = serde_json::to_value(content).map_err(encoding)?;
     let sealed = Sealed { plan: plan.to_owned(), task: task.to_owned(), crc32: checksum(&content), content };
     serde_json::to_vec_pretty(&sealed).map_err(encoding)
+}
+
+/// The bytes of figures that readers know, an object, with the plan's hash and a checksum of what comes before it.
+pub(super) fn stamped(mut figures: Value, plan: &str) -> Vec<u8> {
+    figures["plan"] = plan.into();
+    figures["crc32"] = checksum(&figures).into();
+    format!("{figures:#}\n").into_bytes()
+}
+
+/// Checks the bytes of figures; or what is wrong with them.
+pub(super) fn check_stamped(bytes: &[u8], plan: &str) -> Result<(), String> {
+    let mut figures: Value = serde_json::from_slice(bytes).map_err(|e| format!("it is damaged: {e}"))?;
+    let seal = figures.as_object_mut().and_then(|figures| figures.remove("crc32"));
+    check([figures["plan"].as_str().unwrap_or_default(), ""], [plan, ""])?;
+    if seal == Some(checksum(&figures).into()) { Ok(()) } else { Err(DAMAGED.to_owned()) }
 }
 
 /// Checks the plan and the task that a file names.
@@ -60,6 +75,23 @@ mod tests {
         let content: Vec<f64> = (1..5000).map(|i| f64::from(i).sin() * 10f64.powi(i % 40 - 20)).collect();
         let sealed = bytes("abc", "score/0001", &content).unwrap();
         assert_eq!(parse::<Vec<f64>>(&sealed, "abc", "score/0001"), Ok(content));
+    }
+
+    #[test]
+    fn figures_are_checked() {
+        let good = stamped(serde_json::json!({ "psnr": 28.5e-3, "views": [1.0, null] }), "abc");
+        assert_eq!(check_stamped(&good, "abc"), Ok(()));
+        assert!(check_stamped(&good, "abd").is_err_and(|e| e.contains("another plan")));
+        let text = String::from_utf8(good).unwrap();
+        for bad in [
+            text.replace("28", "29"),
+            text.replace("0.0285", "0.0295"),
+            text[..20].to_owned(),
+            String::new(),
+            "[]".into(),
+        ] {
+            assert!(bad == text || check_stamped(bad.as_bytes(), "abc").is_err(), "{bad}");
+        }
     }
 
     #[test]

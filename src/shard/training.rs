@@ -160,7 +160,7 @@ impl BlockRun {
             Stage::Finish => files.beside::<Ended>(task).map(drop),
             Stage::Join => files.beside::<Joined>(task).map(drop),
             Stage::Score => files.sealed::<Assessment>(task).map(drop),
-            Stage::Report => Ok(()),
+            Stage::Report => files.check_figures(task),
         }
     }
 
@@ -296,6 +296,6 @@ impl BlockRun {
             "omega": layout.omega,
             "blocks": blocks.iter().enumerate().map(of_block).collect::<Vec<_>>(),
         });
-        Ok(format!("{record:#}\n").into_bytes())
+        Ok(files.figures(record))
     }
 }

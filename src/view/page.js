@@ -226,7 +226,9 @@ function crop(context) {
   context.arc(left + width / 2, top + height / 2, height / 2, 0, 2 * Math.PI);
   context.strokeStyle = "#fff";
   context.stroke();
-  $("crop").lastElementChild.textContent = `--crop-sphere ${state.camera.sphere.map((v) => Number(v.toPrecision(4))).join(",")}`;
+  // All four to a thousandth of the radius, wherever the centre lies.
+  const { sphere } = state.camera, digits = Math.min(20, Math.max(0, 3 - Math.floor(Math.log10(sphere[3]))));
+  $("crop").lastElementChild.textContent = `--crop-sphere ${sphere.map((v) => Number(v.toFixed(digits))).join(",")}`;
 }
 
 // --- Input -------------------------------------------------------------------------------------------------------------------
@@ -345,7 +347,7 @@ function home() {
 function fragment() {
   if (state.photo >= 0) return `photo=${state.photo}&kind=${state.kind}`;
   const { position, rotation, fov, distance } = state.camera;
-  const numbers = [...position, ...rotation, fov, distance].map((v) => Number(v.toPrecision(7)));
+  const numbers = [...position, ...rotation, fov, distance].map((v) => Number(v.toPrecision(9)));
   return `pose=${numbers.join(",")}&kind=${state.kind}`;
 }
 

@@ -85,6 +85,13 @@ fn arms_are_compared_at_equal_counts() {
     let again = compare(&["--arms", "importance,dense", "--keep", "0.3", "--resume"]);
     assert_eq!(again["arms"][0]["psnr"], first["arms"][1]["psnr"]);
     assert_eq!(model("importance").unwrap(), before, "not trained again");
+    // A record about another model counts for nothing.
+    let file = |name: &str| out.join("arms").join(name).join("model.ply");
+    let trained = std::fs::read(file("importance")).unwrap();
+    std::fs::copy(file("dense"), file("importance")).unwrap();
+    let mended = compare(&["--arms", "importance", "--keep", "0.3", "--resume"]);
+    assert_eq!(mended["arms"][0]["psnr"], first["arms"][1]["psnr"]);
+    assert!(std::fs::read(file("importance")).unwrap() == trained);
 }
 
 /// With several seeds each has its folder, figures are means, and finished seeds are reused. Arms may grow on their own.

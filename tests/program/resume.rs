@@ -2,6 +2,7 @@
 
 use super::ended::{end, qirf, works};
 use super::run::{command, metrics, model, scene};
+use qirf_vk::job::Output;
 use qirf_vk::job::run_log::LogLine;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::ffi::OsStr;
@@ -157,12 +158,20 @@ fn an_interrupted_run_is_not_overwritten_and_other_options_are_named_at_once() {
     std::fs::rename(&photo, &aside).unwrap();
     says(&mut command(&scene, &out, &["--resume"]), 2, &["photos to train on were", "view_0001.png is missing"]);
     std::fs::rename(&aside, &photo).unwrap();
+    let claimed = Output::claim(&out).unwrap();
+    for mut busy in [command(&scene, &out, &[]), command(&scene, &out, &["--resume"])] {
+        says(&mut busy, 2, &["another process is working in", "wait until it ends"]);
+    }
+    drop(claimed);
+    assert!(before == checkpoint(), "nor does one beside another process");
+    std::fs::remove_file(out.join("config.toml")).unwrap();
     // Another spelling of the scene is the same run.
     let spelt = folder.path().join("out/../scene/");
     works(&mut command(&spelt, &out, &["--resume"]));
     let whole = folder.path().join("whole");
     works(&mut command(&scene, &whole, &[]));
     assert_eq!(model(&whole), model(&out));
+    assert!(out.join("config.toml").is_file(), "written again from the checkpoint");
 }
 
 #[test]
@@ -178,6 +187,20 @@ fn a_finished_run_is_left_as_it_is() {
     assert_eq!(works(&mut command(&scene, &out, &["--resume", "--json"])).json(), metrics(&out));
     says(&mut command(&scene, &out, &["--seed", "2", "--resume"]), 2, &["seed was 1, is 2"]);
     assert_eq!(before, files.map(written));
+    let sized = || command(&scene, &out, &["--resume", "--size", "9kB"]);
+    says(&mut sized(), 0, &["only model.sog is missing"]);
+    let packed = std::fs::read(out.join("model.sog")).unwrap();
+    assert!(packed.len() <= 9000);
+    says(&mut sized(), 0, &["nothing to do"]);
+    // A new run takes away what was made of the old one.
+    let newer = folder.path().join("newer");
+    std::fs::create_dir(&newer).unwrap();
+    for file in ["report.html", "model.sog"] {
+        std::fs::write(newer.join(file), "of an older run").unwrap();
+    }
+    works(&mut command(&scene, &newer, &["--no-report"]));
+    assert!(!newer.join("report.html").exists() && !newer.join("model.sog").exists());
+    says(&mut command(&scene, &newer, &["--resume"]), 0, &["it has no report.html"]);
     let photos = scene.join("images");
     says(&mut command(&scene, &photos, &[]), 2, &["among the scene's own photos"]);
     assert!(!photos.join("config.toml").exists());

@@ -193,6 +193,12 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
         stage.is_right("a");
     }
 
+    let length = fs::metadata(a.join("metrics.json")).unwrap().len() as usize;
+    flip(&a.join("metrics.json"), length / 2);
+    assert_eq!(stage.status("a", "report"), "damaged");
+    stage.works(&["shard", "all", "a"]);
+    assert_eq!(stage.status("a", "report"), "done");
+
     // A part of another plan, of another task, and a model that changed.
     stage.works(&[
         "shard", "plan", "compress", "ball.ply", "-o", "b", "--views", "40", "--size", "72x56", "--keep", "0.3",
@@ -217,6 +223,9 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     fs::remove_file(a.join("evidence/0000.safetensors")).unwrap();
     flip(&stage.path("ball.ply"), 5000);
     stage.refused(3, &["ball.ply", "has changed"], &["shard", "all", "a"]);
+    let plan = fs::read_to_string(stage.path("b/plan.json")).unwrap();
+    fs::write(stage.path("b/plan.json"), plan.replace("0.3", "0.4")).unwrap();
+    stage.refused(3, &["plan.json", "one of them was changed"], &["shard", "status", "b"]);
     fs::write(stage.path("b/plan.json"), "{}").unwrap();
     stage.refused(3, &["plan.json", "no plan"], &["shard", "status", "b"]);
 }

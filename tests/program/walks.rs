@@ -36,6 +36,13 @@ fn frames_follow_a_path() {
     fs::write(sandbox.path("keys.json"), keys).unwrap();
     sandbox.works(&["render", "model.ply", "--path", "keys.json", "--frames", "2", "--size", "40x30", "-o", "keyed"]);
     assert_eq!(frames(&sandbox, "keyed").len(), 2);
+    // Small models too: the near plane follows the model.
+    sandbox.works(&["edit", "model.ply", "-o", "small.ply", "--scale", "0.001"]);
+    fs::write(sandbox.path("near.json"), r#"{"keys": [{"eye": [0, 0, -0.004], "target": [0, 0, 0]}]}"#).unwrap();
+    sandbox.works(&["render", "small.ply", "--path", "near.json", "--frames", "1", "--size", "40x30", "-o", "small"]);
+    let picture = |name: &str| image::open(sandbox.path(name)).unwrap().into_rgb8();
+    let pairs = picture("small/frame_0000.png").into_raw().into_iter().zip(picture("keyed/frame_0000.png").into_raw());
+    assert!(pairs.into_iter().all(|(a, b)| a.abs_diff(b) <= 1));
     let posed = r#"{"camera_path": [{"camera_to_world": [1,0,0,0, 0,-1,0,0, 0,0,-1,-4, 0,0,0,1], "fov": 40}]}"#;
     fs::write(sandbox.path("posed.json"), posed).unwrap();
     sandbox.works(&["render", "model.ply", "--path", "posed.json", "--size", "40x30", "-o", "posed"]);

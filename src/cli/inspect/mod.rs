@@ -116,8 +116,8 @@ pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error
     if let Some(doubt) = &loaded.doubt {
         console.warn(format_args!("{}: {doubt}", path.display()));
     }
-    if loaded.repairs.any() {
-        console.warn(format_args!("{}: {}", path.display(), loaded.repairs));
+    if let Some(remark) = loaded.remark() {
+        console.warn(format_args!("{}: {remark}", path.display()));
     }
     if loaded.gaussians.is_empty() {
         console.warn(format_args!("{}: it holds no Gaussian", path.display()));

@@ -1,6 +1,6 @@
 //! Contents of a scene: views, cameras, points, skipped parts, and the split.
 
-use crate::gaussians::formats::{self, RenderMode};
+use crate::gaussians::formats;
 use crate::job::Error;
 use crate::pipeline::effects;
 use crate::pipeline::prepare::refuse_photo_folders;
@@ -89,7 +89,7 @@ fn page(scene: &Scene, split: &Split, doubts: &Doubts, file: &Path) -> Result<()
     let model = capture::model(scene, &split.test, &marked);
     let title = scene.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let options = PageOptions { title, ..PageOptions::default() };
-    let page = alone::page(&model, RenderMode::default(), &options, file).map_err(Error::writing)?;
+    let page = alone::page(&model, &options, file).map_err(Error::writing)?;
     formats::write_atomically(file, |out| out.write_all(page.as_bytes())).map_err(Error::writing)
 }
 

@@ -93,6 +93,16 @@ pub struct Loaded {
     pub origin: [f64; 3],
 }
 
+impl Loaded {
+    /// What a reader should know of the repairs, as a sentence, if anything. In formats of opacities, 0 and 1 are usual, and their infinite
+    /// logits no damage.
+    pub fn remark(&self) -> Option<String> {
+        let usual = if self.format == Format::Ply { self.repairs.clamped_opacities } else { 0 };
+        let told = Repairs { clamped_opacities: usual, ..self.repairs };
+        told.any().then(|| told.to_string())
+    }
+}
+
 /// The output of one reader, before the common repairs.
 struct Parsed {
     gaussians: Gaussians,

@@ -1,9 +1,10 @@
-//! Writes files completely or not at all, and never over the input.
+//! Writes files completely or not at all, and never over the input, a device or a pipe.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use super::Error;
 use crate::checksum::crc32;
@@ -46,8 +47,9 @@ fn same_inode(_: &Path, _: &Path) -> bool {
 /// A crash or a full disk at any moment leaves the old file, or none, but never half of the new one.
 ///
 /// # Errors
-/// [`Error::Io`]; the temporary file is removed.
+/// [`Error::NotAFile`]; [`Error::Io`]; the temporary file is removed.
 pub fn write_atomically(path: &Path, body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), Error> {
+    refuse_device(path)?;
     let attempt = || -> io::Result<()> {
         let path = &behind_links(path)?;
         let (temporary, file) = create_beside(path)?;
@@ -63,16 +65,29 @@ pub fn write_atomically(path: &Path, body: impl FnOnce(&mut dyn Write) -> io::Re
     attempt().map_err(|source| Error::Io { path: path.to_owned(), source })
 }
 
-/// Refuses a `path` that [`write_atomically`] could not write, before any work is done for it.
+/// Refuses a `path` that [`write_atomically`] could not write, before any work is done for it, and removes what killed writers left.
 ///
 /// # Errors
-/// [`Error::Io`] for a folder that is absent or not writable, or a name that the system does not allow.
+/// [`Error::NotAFile`]; [`Error::Io`] for a folder that is absent or not writable, or a name that the system does not allow.
 pub fn check_place(path: &Path) -> Result<(), Error> {
+    refuse_device(path)?;
     let attempt = || match fs::symlink_metadata(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-        _ => create_beside(&behind_links(path)?).and_then(|(temporary, _)| fs::remove_file(temporary)),
+        _ => {
+            let path = behind_links(path)?;
+            remove_leftovers(&path);
+            create_beside(&path).and_then(|(temporary, _)| fs::remove_file(temporary))
+        }
     };
     attempt().map_err(|source| Error::Io { path: path.to_owned(), source })
+}
+
+/// Refuses what a rename would replace by a file: a device such as /dev/null, a pipe, a socket.
+fn refuse_device(path: &Path) -> Result<(), Error> {
+    match fs::metadata(path) {
+        Ok(there) if !there.is_file() && !there.is_dir() => Err(Error::NotAFile { path: path.to_owned() }),
+        _ => Ok(()),
+    }
 }
 
 /// The file that a path leads to, there or not: a link, say to a larger disk, stays a link.
@@ -82,7 +97,7 @@ fn behind_links(path: &Path) -> io::Result<PathBuf> {
         let Ok(target) = fs::read_link(&path) else { return Ok(path) };
         path = path.parent().unwrap_or(Path::new("")).join(target);
     }
-    Err(io::Error::other("a chain of links without an end"))
+    Err(io::Error::new(io::ErrorKind::InvalidFilename, "a chain of links without an end"))
 }
 
 /// Largest number of links that are followed.
@@ -104,8 +119,7 @@ fn hidden_prefix(name: &OsStr) -> String {
     format!(".{begin}~{:08x}.", crc32([name.as_bytes()]))
 }
 
-/// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed. No other
-/// writer of `path` may be running.
+/// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed.
 pub fn remove_leftovers(path: &Path) {
     let (Some(name), Some(folder)) = (path.file_name(), path.parent()) else { return };
     let prefix = hidden_prefix(name);
@@ -113,11 +127,22 @@ pub fn remove_leftovers(path: &Path) {
         let found = entry.file_name();
         let found = found.to_string_lossy();
         let middle = found.strip_prefix(&prefix).and_then(|rest| rest.strip_suffix(TEMPORARY));
-        if middle.is_some_and(|m| !m.is_empty() && m.chars().all(|c| c.is_ascii_digit() || c == '-')) {
+        let writer = middle.and_then(|m| m.split_once('-')).filter(|(_, attempt)| attempt.parse::<u32>().is_ok());
+        if writer.is_some_and(|(process, _)| process.parse().is_ok_and(|id| is_gone(id, &entry))) {
             // A file that cannot be removed costs some space, nothing else.
             let _ = fs::remove_file(entry.path());
         }
     }
+}
+
+/// True if the process that wrote a temporary file has ended. Where processes are not listed in /proc, files of the last hour
+/// may still be written.
+fn is_gone(process: u32, file: &fs::DirEntry) -> bool {
+    if Path::new("/proc/self").exists() {
+        return !Path::new("/proc").join(process.to_string()).exists();
+    }
+    let age = file.metadata().and_then(|m| m.modified()).ok().and_then(|written| written.elapsed().ok());
+    age.is_some_and(|age| age > Duration::from_secs(3600))
 }
 
 /// A new file in the folder of `path` that no other writer uses.
@@ -152,6 +177,7 @@ fn sync_folder(path: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::SystemTime;
 
     #[test]
     fn a_failed_write_leaves_the_old_file_and_no_other() {
@@ -170,13 +196,17 @@ mod tests {
     #[test]
     fn leftovers_of_one_file_go_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
-        let names = [".a.ply.123-0.tmp", ".a.ply.9-12.tmp", ".a.ply.tmp", ".a.ply.x-1.tmp", ".b.ply.1-0.tmp", "a.ply"];
+        let own = format!(".a.ply.{}-0.tmp", std::process::id());
+        // No system numbers processes so high.
+        let dead = [".a.ply.4194305-0.tmp", ".a.ply.4294967295-12.tmp"];
+        let names = [dead[0], dead[1], ".a.ply.tmp", ".a.ply.x-1.tmp", ".b.ply.4194305-0.tmp", "a.ply", &own];
         for name in names {
-            fs::write(folder.path().join(name), b"").unwrap();
+            let file = File::create(folder.path().join(name)).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(if name == own { 0 } else { 7200 })).unwrap();
         }
         remove_leftovers(&folder.path().join("a.ply"));
         let left: Vec<bool> = names.iter().map(|name| folder.path().join(name).exists()).collect();
-        assert_eq!(left, [false, false, true, true, true, true]);
+        assert_eq!(left, [false, false, true, true, true, true, true]);
     }
 
     #[test]
@@ -184,7 +214,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(format!("{}.ply", "\u{e9}".repeat(125)));
         write_atomically(&path, |out| out.write_all(b"whole")).unwrap();
-        let (left, _) = create_beside(&path).unwrap();
+        let left = path.with_file_name(format!("{}4194305-0{TEMPORARY}", hidden_prefix(path.file_name().unwrap())));
+        File::create(&left).unwrap().set_modified(SystemTime::now() - Duration::from_secs(7200)).unwrap();
         remove_leftovers(&path.with_extension("spz"));
         assert!(left.exists(), "another file's");
         remove_leftovers(&path);
@@ -194,6 +225,22 @@ mod tests {
             assert!(check_place(&wrong).is_err(), "{}", wrong.display());
         }
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn devices_and_pipes_stay_what_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pipe.ply");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        let link = folder.path().join("link.ply");
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        for path in [&path, &link] {
+            assert!(matches!(check_place(path), Err(Error::NotAFile { .. })));
+            assert!(matches!(write_atomically(path, |_| Ok(())), Err(Error::NotAFile { .. })));
+        }
+        assert!(!fs::metadata(&path).unwrap().is_file());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
     #[test]

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::Gaussians;
+use super::linear::unit;
 use crate::wording::counted;
 
 /// Infinite opacity logits become this value with their sign.
@@ -19,6 +20,9 @@ pub const OPACITY_LOGIT_LIMIT: f32 = 20.0;
 /// e^-20 = 2e-9 world units is flatter than any pixel sees, and its square (4e-18) is still a normal float32.
 pub const LOG_SCALE_FLOOR: f32 = -20.0;
 
+/// A quaternion all of whose components are smaller is normalised: pictures leave out lengths below 1e-6.
+const SHORT: f32 = 1e-5;
+
 /// Counts of what a reader changed or left out; all zero for a clean file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Repairs {
@@ -26,6 +30,9 @@ pub struct Repairs {
     pub non_finite_rows: usize,
     /// Gaussians removed because their quaternion was zero.
     pub zero_quaternions: usize,
+    /// Gaussians whose quaternion was too short for float32's squares, and is normalised.
+    #[serde(default)]
+    pub short_quaternions: usize,
     /// Infinite opacity logits clamped to plus or minus [`OPACITY_LOGIT_LIMIT`]; 8-bit opacities of 0 and 255 give
     /// such.
     pub clamped_opacities: usize,
@@ -49,6 +56,7 @@ impl fmt::Display for Repairs {
         let parts: Vec<String> = [
             (self.non_finite_rows as u64, "Gaussian", "removed for NaN or infinite values".to_owned()),
             (self.zero_quaternions as u64, "Gaussian", "removed for a zero quaternion".to_owned()),
+            (self.short_quaternions as u64, "Gaussian", "with very short quaternions, normalised".to_owned()),
             (self.clamped_opacities as u64, "infinite opacity logit", format!("clamped to +-{limit}")),
             (self.floored_scales as u64, "Gaussian", format!("with zero scales, raised to e^{LOG_SCALE_FLOOR}")),
             (self.trailing_bytes, "byte", "after the last record ignored".to_owned()),
@@ -91,6 +99,9 @@ pub(super) fn repair(model: &mut Gaussians) -> (Repairs, Vec<usize>) {
         } else if model.rotations[i] == [0.0; 4] {
             repairs.zero_quaternions += 1;
             *bad = true;
+        } else if model.rotations[i].iter().all(|c| c.abs() < SHORT) {
+            repairs.short_quaternions += 1;
+            model.rotations[i] = unit(model.rotations[i]);
         }
     }
     let removed = (0..bad.len()).filter(|i| bad[*i]).collect();
@@ -114,7 +125,7 @@ mod tests {
 
     #[test]
     fn counts_each_kind_once() {
-        let mut m = model(8);
+        let mut m = model(9);
         m.means[0][1] = f32::NAN;
         m.log_scales[1][2] = f32::INFINITY;
         m.sh[2][2 * 15 + 7] = f32::NEG_INFINITY;
@@ -123,18 +134,21 @@ mod tests {
         m.opacity_logits[5] = f32::INFINITY;
         m.opacity_logits[6] = f32::NEG_INFINITY;
         m.log_scales[7] = [f32::NEG_INFINITY, 1.0, f32::NEG_INFINITY];
+        m.rotations[8] = [0.0, 3e-30, -4e-30, 0.0];
         let (repairs, removed) = repair(&mut m);
         assert_eq!(removed, [0, 1, 2, 3, 4]);
+        assert_eq!(m.rotations[3], [0.0, 0.6, -0.8, 0.0]);
         let expected = Repairs {
             non_finite_rows: 4,
             zero_quaternions: 1,
+            short_quaternions: 1,
             clamped_opacities: 2,
             floored_scales: 1,
             trailing_bytes: 0,
         };
         assert_eq!(repairs, expected);
-        assert_eq!(m.len(), 3);
-        assert_eq!(m.opacity_logits, [20.0, -20.0, 0.0]);
+        assert_eq!(m.len(), 4);
+        assert_eq!(m.opacity_logits, [20.0, -20.0, 0.0, 0.0]);
         assert_eq!(m.log_scales[2], [LOG_SCALE_FLOOR, 1.0, LOG_SCALE_FLOOR]);
         let sentence = repairs.to_string();
         assert!(sentence.contains("4 Gaussians removed for NaN") && sentence.ends_with('.'), "{sentence}");

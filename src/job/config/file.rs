@@ -73,10 +73,10 @@ impl RunConfig {
     /// versions, to the current one.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Usage`] with the file and the line or the field that is wrong.
+    /// [`Error::Read`]; [`Error::Config`] with the line or the field that is wrong.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let text = read_text(path)?;
-        let config = Self::parse(&text).map_err(|what| Error::Usage(format!("{}: {what}", path.display())))?;
+        let config = Self::parse(&text).map_err(|what| Error::Config { path: path.to_owned(), what })?;
         Ok(config.read_in(path.parent().unwrap_or(path)))
     }
 

@@ -10,17 +10,21 @@ pub use arm::{Arm, Grown, help as arms_help};
 pub use paired::Paired;
 pub use records::{ArmRecord, CompareRecord};
 
-use crate::gaussians::formats;
+use crate::gaussians::formats::crc32;
 use crate::gaussians::resident::Resident;
+use crate::gaussians::{Gaussians, formats};
 use crate::job::records::RunRecord;
 use crate::job::{Error, Output, RunConfig, Session};
 use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::evaluate::Evaluator;
-use crate::pipeline::prepare::Prepared;
+use crate::pipeline::prepare::{Prepared, crc32_of_file};
 use crate::pipeline::setup::{Setup, tuned};
 use crate::pipeline::start::Start;
 use crate::scene::median;
+use bytemuck::cast_slice;
+use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 use std::path::{Path, PathBuf};
 
 /// Writes `compare.html` of a comparison into its folder.
@@ -116,13 +120,17 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     let gaussians = fork.snapshot.model.len();
     let config = arm.configuration(&setup.config, gaussians);
     let (config_text, file) = (config.written_in(output.folder())?, output.folder().join("arm.json"));
+    let from = checksum(&fork.snapshot.model);
     if resume && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text) {
-        // An unreadable result is computed again.
-        let read = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str(&text).ok());
-        if let Some(record) = read {
+        // A result that is unreadable, of another fork, or about another model is computed again.
+        let read = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str::<Finished>(&text).ok());
+        let model = crc32_of_file(&output.model()).ok();
+        if let Some(record) = read.filter(|read| Some(read.model_crc32) == model).and_then(|read| read.record(from)) {
             return Ok(record);
         }
     }
+    // From here on, the folder may hold files of two arms.
+    let _ = std::fs::remove_file(&file);
     let start = if arm.grown == Grown::Together {
         Start::Resumed(Box::new(fork.clone()))
     } else {
@@ -141,10 +149,40 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     }
     run.train(config.schedule.iterations)?;
     let record = arm_record(&arm.name, gaussians, psnr_pruned, run.finish()?);
-    let text = serde_json::to_string(&record).map_err(|e| Error::encoding("arm.json", e))?;
-    Output::text(&file, &text)?;
     Output::text(&output.config(), &config_text)?;
+    Output::json(&file, "arm.json", &Finished::new(&record, from, crc32_of_file(&output.model())?)?)?;
     Ok(record)
+}
+
+/// The contents of `arm.json`: the record of an arm, and what it is about.
+#[derive(Serialize, Deserialize)]
+struct Finished {
+    fork_crc32: u32,
+    model_crc32: u32,
+    /// Of the record's text.
+    crc32: u32,
+    record: Box<RawValue>,
+}
+
+impl Finished {
+    fn new(record: &ArmRecord, fork_crc32: u32, model_crc32: u32) -> Result<Self, Error> {
+        let record = serde_json::value::to_raw_value(record).map_err(|e| Error::encoding("arm.json", e))?;
+        Ok(Self { fork_crc32, model_crc32, crc32: crc32([record.get().as_bytes()]), record })
+    }
+
+    /// The record, if it is whole and continues this fork.
+    fn record(&self, fork: u32) -> Option<ArmRecord> {
+        let whole = self.crc32 == crc32([self.record.get().as_bytes()]) && self.fork_crc32 == fork;
+        if whole { serde_json::from_str(self.record.get()).ok() } else { None }
+    }
+}
+
+/// CRC-32 of a model's parameters.
+fn checksum(model: &Gaussians) -> u32 {
+    let Gaussians { means, log_scales, rotations, opacity_logits, sh } = model;
+    let parts: [&[u8]; 4] =
+        [cast_slice(means), cast_slice(log_scales), cast_slice(rotations), cast_slice(opacity_logits)];
+    crc32(parts.into_iter().chain(sh.iter().map(|band| cast_slice(band))))
 }
 
 fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecord) -> ArmRecord {

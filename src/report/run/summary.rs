@@ -46,7 +46,7 @@ fn gaussians(results: &RunRecord) -> Tile {
         }
         Some(dense) => {
             let removed = dense.saturating_sub(n.last);
-            format!("{} before the prune: {} removed", count(dense), percent(removed as f64, dense as f64))
+            format!("at most {} during training: {} removed", count(dense), percent(removed as f64, dense as f64))
         }
         None => String::new(),
     };

@@ -190,10 +190,15 @@ fn is_aside_folder(lower: &str) -> bool {
 /// The subfolders of a capture in which its photos may lie; folders of smaller copies last, the largest copies first.
 pub(super) fn photo_folders(capture: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(capture).into_iter().flatten().flatten();
+    // Pictures of a model that this program trained, in the capture's own folder.
+    let of_a_run = capture.join("config.toml").is_file() || capture.join("metrics.json").is_file();
     let mut folders: Vec<(u32, PathBuf)> = entries
         .filter_map(|entry| {
             let (path, lower) = (entry.path(), entry.file_name().to_string_lossy().to_lowercase());
-            let left_out = lower.starts_with('.') || is_mask_folder(&lower) || is_aside_folder(&lower);
+            let left_out = lower.starts_with('.')
+                || is_mask_folder(&lower)
+                || is_aside_folder(&lower)
+                || (of_a_run && lower == "renders");
             let inner: Vec<_> = fs::read_dir(&path).ok()?.flatten().collect();
             (!left_out && !is_scene(&inner)).then(|| (reduction(&lower), path))
         })
@@ -218,4 +223,18 @@ pub(super) fn is_map_folder(lower: &str) -> bool {
 /// Names of the photos in a folder and its subfolders: those of its [`PhotoTree`].
 pub fn photo_names(folder: &Path) -> Vec<String> {
     PhotoTree::of(folder).names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_a_model_are_no_photos() {
+        let capture = tempfile::tempdir().unwrap();
+        fs::create_dir(capture.path().join("renders")).unwrap();
+        assert_eq!(photo_folders(capture.path()), [capture.path().join("renders")]);
+        fs::write(capture.path().join("config.toml"), "").unwrap();
+        assert!(photo_folders(capture.path()).is_empty());
+    }
 }

@@ -3,7 +3,7 @@
 //! The page contains the model as SPZ 3, whose bytes the vertex shader unpacks; a worker sorts by depth; quads are
 //! blended back to front. Projection, colour, dilation and anti-aliasing follow `glsl/render/project.comp`.
 
-use crate::gaussians::formats::{self, RenderMode, SpzVersion};
+use crate::gaussians::formats::{self, SpzVersion};
 use crate::gaussians::outline::outline;
 use crate::gaussians::{Error, Gaussians};
 use crate::render::Style;
@@ -28,6 +28,8 @@ pub struct PageOptions {
     pub title: String,
     /// Red, green and blue behind the Gaussians, 0 to 1.
     pub background: [f32; 3],
+    /// Dilation and anti-aliasing; pages know one order of depths only.
+    pub style: Style,
     /// Up direction in the world.
     pub up: DVec3,
     /// The initial camera; by default one that sees the whole model.
@@ -46,7 +48,7 @@ impl PageOptions {
 
 impl Default for PageOptions {
     fn default() -> Self {
-        Self { title: String::new(), background: [0.0; 3], up: UP, start: None, poster: None }
+        Self { title: String::new(), background: [0.0; 3], style: Style::default(), up: UP, start: None, poster: None }
     }
 }
 
@@ -54,9 +56,9 @@ impl Default for PageOptions {
 ///
 /// # Errors
 /// [`Error::Unsupported`] if SPZ cannot hold the model, [`Error::Inconsistent`].
-pub fn page(model: &Gaussians, mode: RenderMode, options: &PageOptions, name: &Path) -> Result<String, Error> {
-    let packed = formats::spz(model, mode, SpzVersion::Three, name)?;
-    Ok(Shell::new(model, mode, options).page(&packed))
+pub fn page(model: &Gaussians, options: &PageOptions, name: &Path) -> Result<String, Error> {
+    let packed = formats::spz(model, options.style.mode(), SpzVersion::Three, name)?;
+    Ok(Shell::new(model, options).page(&packed))
 }
 
 /// A page without its model.
@@ -67,7 +69,7 @@ pub struct Shell {
 
 impl Shell {
     /// The page for this model, or for one that looks like it.
-    pub fn new(model: &Gaussians, mode: RenderMode, options: &PageOptions) -> Self {
+    pub fn new(model: &Gaussians, options: &PageOptions) -> Self {
         let script: Vec<&str> =
             SCRIPTS.iter().flat_map(|part| part.lines()).filter(|l| !l.starts_with("import ")).collect();
         let script =
@@ -77,20 +79,18 @@ impl Shell {
             .poster
             .as_ref()
             .map_or_else(String::new, |uri| format!("<img id=\"poster\" src=\"{}\" alt=\"\">", escaped(uri)));
-        let page = [
-            ("{title}", escaped(&options.title).as_str()),
-            ("{style}", include_str!("page.css")),
-            ("{poster}", &poster),
-            ("{scene}", &scene(model, mode, options).to_string().replace('<', "\\u003c")),
-            ("{worker}", include_str!("worker.js")),
-            ("{vertex}", include_str!("splat.vert")),
-            ("{fragment}", include_str!("splat.frag")),
-            ("{script}", &script),
-        ]
-        .iter()
-        .fold(PAGE.to_owned(), |page, (mark, text)| page.replace(mark, text));
-        let (before, after) = page.rsplit_once("{model}").expect("a place for the model");
-        Self { before: before.to_owned(), after: after.to_owned() }
+        let parts = [
+            ("title", &*escaped(&options.title)),
+            ("style", include_str!("page.css")),
+            ("poster", &poster),
+            ("scene", &scene(model, options).to_string().replace('<', "\\u003c")),
+            ("worker", include_str!("worker.js")),
+            ("vertex", include_str!("splat.vert")),
+            ("fragment", include_str!("splat.frag")),
+            ("script", &script),
+        ];
+        let (before, after) = PAGE.split_once("{model}").expect("a place for the model");
+        Self { before: filled(before, &parts), after: filled(after, &parts) }
     }
 
     /// The page for a model that is packed as SPZ 3.
@@ -99,14 +99,25 @@ impl Shell {
     }
 }
 
+/// The template with these texts in place of their names in braces; the texts themselves stay as they are.
+fn filled(template: &str, parts: &[(&str, &str)]) -> String {
+    let mut pieces = template.split('{');
+    let begin = pieces.next().unwrap_or_default().to_owned();
+    pieces.fold(begin, |page, piece| {
+        let (name, rest) = piece.split_once('}').expect("braces of a template hold a name");
+        let (_, text) = parts.iter().find(|(known, _)| *known == name).expect("a part of this name");
+        page + text + rest
+    })
+}
+
 /// Escapes text for an element or a quoted attribute.
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 /// Parameters of the script.
-fn scene(model: &Gaussians, mode: RenderMode, options: &PageOptions) -> Value {
-    let settings = Style::of(mode).over(options.background);
+fn scene(model: &Gaussians, options: &PageOptions) -> Value {
+    let settings = options.style.over(options.background);
     let up = options.up.normalize();
     let outline = outline(model, up);
     let look = |aspect: f64| Look { size: ((1000.0 * aspect) as u32, 1000), ..Look::default() };
@@ -139,7 +150,7 @@ fn scene(model: &Gaussians, mode: RenderMode, options: &PageOptions) -> Value {
         "start": start,
         "background": options.background,
         "dilation": settings.dilation,
-        "antialiased": mode.antialiased(),
+        "antialiased": options.style.antialias,
         "made": concat!("packed by qirf-vk ", env!("CARGO_PKG_VERSION")),
     })
 }
@@ -150,13 +161,15 @@ mod tests {
 
     #[test]
     fn script_and_style_are_small_and_nothing_is_left_to_fill_in() {
-        let options = PageOptions { title: "<b> & \"c\"</script>".into(), ..PageOptions::default() };
+        let style = Style { antialias: true, ..Style::default() };
+        let options = PageOptions { title: "<b> & \"c\"</script> {scene}".into(), style, ..PageOptions::default() };
         let mut model = Gaussians::zeroed(3, 1);
         model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
-        let page = page(&model, RenderMode::AntiAliased, &options, Path::new("m.html")).unwrap();
+        let page = page(&model, &options, Path::new("m.html")).unwrap();
         assert!(page.len() < 60_000, "{} bytes; 120 kB are allowed", page.len());
-        assert!(page.contains("<title>&lt;b&gt; &amp; &quot;c&quot;&lt;/script&gt;</title>"));
-        for left in ["{title}", "{style}", "{scene}", "{worker}", "{vertex}", "{fragment}", "{script}", "{model}"] {
+        // A name in braces within a title stays.
+        assert!(page.contains("<title>&lt;b&gt; &amp; &quot;c&quot;&lt;/script&gt; {scene}</title>"));
+        for left in ["{title}", "{style}", "{poster}", "{worker}", "{vertex}", "{fragment}", "{script}", "{model}"] {
             assert!(!page.contains(left), "{left}");
         }
         assert!(!page.contains("\nimport ") && !page.contains("\nexport ") && !page.contains("://"));

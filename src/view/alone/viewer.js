@@ -186,7 +186,9 @@ function tick(now) {
 /** Height and distance from which the whole fits a picture of this shape, between those worked out for some shapes. */
 function framing(aspect) {
   const { framings } = scene, next = framings.findIndex(([a]) => a >= aspect);
-  if (next <= 0) return framings.at(next).slice(1);
+  if (next < 0) return framings.at(-1).slice(1);
+  // Narrower than all: the width decides.
+  if (next === 0) return [framings[0][1], framings[0][2] * (framings[0][0] / aspect)];
   const [low, high] = [framings[next - 1], framings[next]], share = (aspect - low[0]) / (high[0] - low[0]);
   return [1, 2].map((k) => low[k] + share * (high[k] - low[k]));
 }
@@ -265,7 +267,11 @@ function listen() {
   $("home").addEventListener("click", home);
   $("level").addEventListener("click", level);
   $("turn").addEventListener("click", () => turning(!state.turning));
-  canvas.addEventListener("webglcontextlost", () => say("the graphics device was lost; load the page again"));
+  canvas.addEventListener("webglcontextlost", (event) => {
+    event.preventDefault(); // or it never comes back
+    say("the graphics device was lost; load the page again");
+  });
+  canvas.addEventListener("webglcontextrestored", () => location.reload());
 }
 
 // --- Beginning -----------------------------------------------------------------------------------------------------------

@@ -76,12 +76,18 @@ fn assert_alone(page: &Browser) {
 fn a_page_shows_what_render_shows() {
     let sandbox = Sandbox::new();
     sandbox.scene("photos", &format!("1 PINHOLE {} {} 260 260 160 120", SIZE[0], SIZE[1]), &["one.png"]);
-    for (mode, background) in [(RenderMode::Plain, "0.2,0.4,0.6"), (RenderMode::AntiAliased, "black")] {
+    let [plain, antialiased] = [RenderMode::Plain, RenderMode::AntiAliased];
+    for (mode, background, style) in [
+        (plain, "0.2,0.4,0.6", &[][..]),
+        (antialiased, "black", &[]),
+        (plain, "black", &["--antialias", "--dilation", "0.3"]),
+    ] {
         formats::write(&sandbox.path("cloud.ply"), &cloud(1000), mode).unwrap();
         let page = ["convert", "cloud.ply", "cloud.html", "--scene", "photos", "--title", "A <cloud>", "--background"];
-        sandbox.works(&[&page[..], &[background]].concat());
+        sandbox.works(&[&page[..], &[background], style].concat());
         sandbox.works(&["convert", "cloud.ply", "cloud.spz"]);
-        sandbox.works(&["render", "cloud.spz", "--scene", "photos", "-o", "out", "--background", background]);
+        let render = ["render", "cloud.spz", "--scene", "photos", "-o", "out", "--background", background];
+        sandbox.works(&[&render[..], style].concat());
         let Some(mut page) = open(&sandbox, "cloud.html") else { return };
         let (psnr, most) = likeness(&mut page, &sandbox, "out/one.png");
         println!("{mode}: {psnr:.1} dB, at most {most}");
@@ -161,9 +167,24 @@ fn a_page_of_a_million_opens() {
 }
 
 #[test]
+fn posters_show_small_models_too() {
+    use base64::Engine;
+    let sandbox = Sandbox::new();
+    sandbox.works(&["edit", "model.ply", "-o", "small.ply", "--scale", "0.004"]);
+    sandbox.works(&["convert", "small.ply", "small.html"]);
+    let html = fs::read_to_string(sandbox.path("small.html")).unwrap();
+    let (_, poster) = html.split_once(";base64,").unwrap();
+    let bytes = base64::engine::general_purpose::STANDARD.decode(poster.split('"').next().unwrap()).unwrap();
+    let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
+    assert!(picture.pixels().any(|p| p.0.iter().any(|v| *v > 60)), "black");
+}
+
+#[test]
 fn options_of_pages_are_for_pages() {
     let sandbox = Sandbox::new();
     sandbox.fails(2, &["convert", "model.ply", "out.spz", "--title", "x"], &["are for pages", ".html"]);
+    sandbox.fails(2, &["convert", "model.ply", "out.spz", "--dilation", "0.3"], &["only to pages"]);
+    sandbox.fails(2, &["convert", "model.ply", "out.html", "--depth-order"], &["one order of depths"]);
     sandbox.fails(2, &["convert", "model.ply", "out.html", "--up", "north"], &["write x, y, z"]);
     sandbox.fails(2, &["compress", "model.ply", "-o", "out.html"], &["out.html", "qirf-vk convert"]);
     sandbox.fails(2, &["convert", "model.ply", "out.spz", "--spz-version", "2"], &["write 3 or 4"]);

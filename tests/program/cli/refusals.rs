@@ -168,6 +168,11 @@ fn what_cannot_be_held_or_written_is_resources() {
     sandbox.fails(5, &["render", "model.ply", "--orbit", "1", "-o", "model.ply/out", "--size", "8x8"], &["model.ply"]);
     #[cfg(target_os = "linux")]
     {
+        let pipe = sandbox.path("pipe.ply");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        for command in [&["convert", "model.ply", "pipe.ply"][..], &["compress", "model.ply", "-o", "pipe.ply"]] {
+            sandbox.fails(2, command, &["pipe.ply: this is a device, a pipe or a socket", "results are files"]);
+        }
         let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
         end(qirf(["completions", "bash"]).stdout(full)).with(5, &["standard output"]);
     }

@@ -74,8 +74,8 @@ impl Input {
             Reader::Path => {
                 fs::write(&path, bytes).unwrap();
                 let frame = Frame { size: (64, 48), asked: false, fov: 0.7, up: DVec3::NEG_Y };
-                said(walk::read(&path, &frame)).is_some_and(|(keys, _)| {
-                    let cameras = walk::walk(&keys, 5);
+                said(walk::read(&path, &frame)).is_some_and(|read| {
+                    let cameras = walk::walk(&read.cameras, 5);
                     assert!(cameras.iter().all(|c| c.rotation.is_finite() && c.focal.is_finite()));
                     cameras.len() == 5
                 })

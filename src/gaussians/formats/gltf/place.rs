@@ -29,6 +29,9 @@ pub(super) fn meshes(document: &Document) -> Result<Vec<Placed>, Fault> {
         }
     }
     let scene = document.scenes.get(document.scene.unwrap_or(0));
+    if let (Some(number), None) = (document.scene, scene) {
+        return Err(malformed("document", format!("its scene, number {number}, is not there; {AGAIN}")));
+    }
     let roots = scene.map_or_else(|| (0..children.len()).filter(|&i| !children[i]).collect(), |s| s.nodes.clone());
     let mut open: Vec<(usize, DAffine3)> = roots.into_iter().rev().map(|root| (root, DAffine3::IDENTITY)).collect();
     let mut seen = vec![false; document.nodes.len()];

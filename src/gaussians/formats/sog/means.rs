@@ -81,7 +81,7 @@ impl Means {
         let mut moves: Vec<f64> = (0..model.len()).map(|i| 0.5 * step / size(model, i, 2)).collect();
         if let Some(median) = median(&mut moves).filter(|median| *median > 1.0) {
             return Err(Fault::Unsupported(format!(
-                "SOG's 16 bits would move the median Gaussian by {median:.1} of its size; remove far Gaussians or write .ply"
+                "SOG's 16 bits would move the median Gaussian by {median:.1} of its size; remove far Gaussians, move the model to the origin, or write .ply"
             )));
         }
         Ok(())

@@ -115,7 +115,7 @@ fn fractional_bits(model: &Gaussians, below: Option<u8>) -> Result<i32, Fault> {
     let reach = model.means.as_flattened().iter().fold(0f32, |reach, x| reach.max(x.abs()));
     if !reach.is_finite() || reach > FIXED_MAX {
         return Err(Fault::Unsupported(format!(
-            "a mean at {reach} is beyond the {FIXED_MAX} that SPZ can store; remove far Gaussians or write .ply"
+            "a mean at {reach} is beyond the {FIXED_MAX} that SPZ can store; remove far Gaussians, move the model to the origin, or write .ply"
         )));
     }
     let mut sizes: Vec<f32> = model.log_scales.iter().map(|s| s.iter().fold(f32::MIN, |a, &b| a.max(b))).collect();
@@ -132,7 +132,7 @@ fn fractional_bits(model: &Gaussians, below: Option<u8>) -> Result<i32, Fault> {
     if (bits as f32) < -median {
         return Err(Fault::Unsupported(format!(
             "means reach {reach}, so SPZ's 24 bits would move them by more than the median Gaussian's size (2^{median:.1}); \
-             remove far Gaussians or write .ply"
+             remove far Gaussians, move the model to the origin, or write .ply"
         )));
     }
     let fewer = below.map_or(bits, |below| (f32::from(below) - median).ceil().max(0.0) as i32);

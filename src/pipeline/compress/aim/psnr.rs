@@ -6,6 +6,8 @@ use crate::job::records::Point;
 
 /// Distance in dB from the target PSNR from which the bytes of the file with that PSNR are foretold.
 const ROUGH: f64 = 1.0;
+/// Excess in dB over the target that is worth more attempts.
+const FAR: f64 = 0.5;
 /// Maximum number of attempts at one rung until its bytes are foretold.
 const ON_A_RUNG: usize = 3;
 /// Attempts left for the best rung, of which three suffice unless PSNR jumps or hardly grows.
@@ -36,6 +38,13 @@ impl<T: Trials> Search<'_, T> {
             && (self.left() > 0 || self.smallest(wanted).is_none())
             && self.attempt(row)?
         {}
+        // Where rungs are far apart, fewer Gaussians lower the PSNR of the whole model to the target.
+        let far = |point: &Point| point.gaussians == self.whole && point.psnr > Some(wanted + FAR);
+        if let Some(point) = self.smallest(wanted).filter(far) {
+            let mut row = Row::of_rung(point.rung, wanted, self.whole);
+            row.add(point);
+            while !row.is_met() && self.left() > 0 && self.attempt(&mut row)? {}
+        }
         match self.smallest(wanted) {
             Some(point) => Ok(point),
             None => self.scored(self.last(), self.whole),
@@ -46,8 +55,10 @@ impl<T: Trials> Search<'_, T> {
     fn is_better(&mut self, rung: usize, wanted: f64, rows: &mut Vec<Row>) -> Result<bool, T::Error> {
         let near = best(rows).map(|row| row.clone()).or_else(|| rows.last().cloned());
         let mut row = near.map_or_else(|| Row::of_rung(rung, wanted, self.whole), |near| near.at(rung));
+        // As long as no rung is known to reach the PSNR, all attempts serve to find one.
+        let reserved = if best(rows).is_some() { TO_REFINE } else { 0 };
         for _ in 0..ON_A_RUNG {
-            if row.nearest().is_some_and(|psnr| psnr <= ROUGH) || self.left() <= TO_REFINE || !self.attempt(&mut row)? {
+            if row.nearest().is_some_and(|psnr| psnr <= ROUGH) || self.left() <= reserved || !self.attempt(&mut row)? {
                 break;
             }
         }

@@ -11,6 +11,8 @@ const AN_OCTAVE: f64 = 4.5;
 const A_RUNG: f64 = 0.7;
 /// Usual PSNR in dB of a third of the Gaussians.
 const A_THIRD: f64 = 42.0;
+/// Way down in logarithms of the number, or in rungs, that is tried where files hardly differ.
+const HIDDEN: f64 = 0.35;
 /// Growth of a file from rung to rung.
 const GROWTH: f64 = 1.03;
 
@@ -99,9 +101,16 @@ impl Row {
         if high.is_none() && self.number(&near) == self.ends[1] {
             return None;
         }
-        let steps = self.target() - self.abscissa(self.number(&near));
-        let bytes = near.bytes as f64 * (if self.rung.is_some() { steps } else { steps * GROWTH.ln() }).exp();
-        Some(bytes.max(low.map_or(0.0, |p| p.bytes as f64)).min(high.map_or(f64::INFINITY, |p| p.bytes as f64)))
+        let place = |point: &Point| (self.abscissa(self.number(point)), (point.bytes as f64).ln());
+        let at = self.target();
+        if let Some(((from, fewest), (to, most))) = low.zip(high).map(|(low, high)| (place(&low), place(&high))) {
+            let share = ((at - from) / (to - from)).clamp(0.0, 1.0);
+            return Some((fewest + share * (most - fewest)).exp());
+        }
+        let (from, bytes) = place(&near);
+        let grown = (at - from) * if self.rung.is_some() { 1.0 } else { GROWTH.ln() };
+        // Towards the end that is known, no further.
+        Some((bytes + if high.is_some() { grown.min(0.0) } else { grown.max(0.0) }).exp())
     }
 
     /// The longest way beyond the last file: a curve that bends upwards promises nothing for long.
@@ -158,7 +167,8 @@ impl Row {
                 let falling = |x: f64| error(usual * (x - a.0));
                 let scale = ((error(a.1) - error(b.1)) / (falling(a.0) - falling(b.0))).max(0.0);
                 let rest = (error(wanted) - error(a.1)) / scale + 1.0;
-                a.0 - 10.0 * rest.max(0.0).log10() / usual
+                // Where rounding hides how the rest falls, no further down than that may be.
+                (a.0 - 10.0 * rest.max(0.0).log10() / usual).max(a.0 - 3.0 * (a.1 - wanted).max(0.0) / usual - HIDDEN)
             }
         }
     }

@@ -12,22 +12,42 @@ const CLOSE: f64 = 0.992;
 /// Initial guess of the bytes of a Gaussian.
 const GUESS: f64 = 10.0;
 
+/// PSNR in dB that a file may lose against a smaller one that does not fill the size.
+const FILLING: f64 = 0.2;
+
+/// Whether a file is about as large as asked.
+fn is_full(point: &Point, size: u64) -> bool {
+    point.bytes as f64 >= LEAST_SHARE * size as f64
+}
+
+/// Whether a file is nearer to the wish: it has a higher PSNR, or fills the size at hardly any loss.
+fn is_better(point: &Point, than: &Point, size: u64) -> bool {
+    let filling = f64::from(i8::from(is_full(point, size)) - i8::from(is_full(than, size)));
+    point.psnr.map(|psnr| psnr + FILLING * filling) > than.psnr
+}
+
 impl<T: Trials> Search<'_, T> {
     pub(super) fn by_size(&mut self, size: u64) -> Result<Point, T::Error> {
         let start = (self.steps.len() - 1).div_ceil(3);
         let mut guess = (size as f64 - self.fixed) / GUESS;
-        // Files of the whole model may be smaller than asked: any other is nearer to the wish.
-        let full = |p: &Point| p.bytes as f64 >= LEAST_SHARE * size as f64;
         let mut best = None::<Point>;
-        let better =
-            |point: &Point, best: &Option<Point>| best.is_none_or(|b| (full(point), point.psnr) > (full(&b), b.psnr));
+        let better = |point: &Point, best: &Option<Point>| best.is_none_or(|b| is_better(point, &b, size));
         for step in start..self.steps.len() {
             let rung = self.steps[step];
             // A step below settings at which the whole model fits.
             if best.is_some_and(|b| b.rung >= rung) {
                 continue;
             }
-            let point = self.on_rung(rung, size, guess)?;
+            let mut point = self.on_rung(rung, size, guess)?;
+            while let Some(whole) = point.filter(|p| p.gaussians == self.whole && !is_full(p, size))
+                && let Some((rung, fewer)) = self.above(whole.rung, size)?
+            {
+                let above = self.scored(rung, fewer)?;
+                if !is_better(&above, &whole, size) {
+                    break;
+                }
+                point = Some(above);
+            }
             let Some(point) = point.filter(|point| better(point, &best)) else { break };
             guess =
                 if point.gaussians == self.whole { guess.max(self.whole as f64) } else { 0.8 * point.gaussians as f64 };
@@ -73,16 +93,26 @@ impl<T: Trials> Search<'_, T> {
         }
         let rung = self.finest(from, whole, size)?;
         let rung = self.finest(rung, whole, size)?;
-        let full = |bytes: u64| share(bytes) <= 1.0 / LEAST_SHARE;
-        if rung < self.last() && self.left() > 1 && !full(self.bytes(rung, whole)?) {
-            let next = self.bytes(rung + 1, whole)?;
-            if let Some(fewer) = self.fill(rung + 1, size, share(next) * whole as f64)?
-                && full(self.bytes(rung + 1, fewer)?)
-            {
-                return Ok((rung + 1, fewer));
-            }
+        if share(self.bytes(rung, whole)?) > 1.0 / LEAST_SHARE
+            && let Some(above) = self.above(rung, size)?
+        {
+            return Ok(above);
         }
         Ok((rung, whole))
+    }
+
+    /// Rung and Gaussians of a file one rung above one at which the whole model fits: of the whole model, too, or one that fills the
+    /// size; none if too few trials are left.
+    fn above(&mut self, rung: usize, size: u64) -> Result<Option<(usize, usize)>, T::Error> {
+        if rung >= self.last() || self.left() < 2 {
+            return Ok(None);
+        }
+        let next = self.bytes(rung + 1, self.whole)?;
+        let Some(fewer) = self.fill(rung + 1, size, size as f64 / next as f64 * self.whole as f64)? else {
+            return Ok(None);
+        };
+        let full = self.bytes(rung + 1, fewer)? as f64 >= LEAST_SHARE * size as f64;
+        Ok((full || fewer == self.whole).then_some((rung + 1, fewer)))
     }
 
     /// The file of this size at a rung; or, if the whole model takes less there, that of the whole model at a finer one.
@@ -139,9 +169,7 @@ impl<T: Trials> Search<'_, T> {
         for (rung, gaussians) in tries {
             if (rung, gaussians) != (best.rung, best.gaussians) && self.bytes(rung, gaussians)? <= size {
                 let point = self.scored(rung, gaussians)?;
-                let full =
-                    point.bytes as f64 >= LEAST_SHARE * size as f64 && (best.bytes as f64) < LEAST_SHARE * size as f64;
-                if full || point.psnr > best.psnr {
+                if is_better(&point, &best, size) {
                     best = point;
                 }
             }

@@ -267,6 +267,10 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     if named(&usual) {
         return Ok(usual);
     }
+    if usual.is_dir() {
+        // Without the right to look into it, other folders would be taken for the photos'.
+        std::fs::read_dir(&usual).map_err(|source| Error::Io { path: usual.clone(), source })?;
+    }
     let known = USUAL[1..].iter().map(|name| files::child(root, name));
     let others: Vec<PathBuf> = known.chain([root.to_owned()]).chain(photo_folders(root)).collect();
     if let Some(folder) = others.iter().find(|folder| named(folder)) {
