@@ -34,7 +34,7 @@ use serde::Serialize;
 
 use super::{Error, Gaussians};
 pub use crate::checksum::crc32;
-use crate::wording::named;
+use crate::wording::{counted, named};
 use fault::Fault;
 pub use georeference::georeference;
 pub use output::{check_place, refuse_overwrite, remove_leftovers, write_atomically};
@@ -121,6 +121,11 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
     if loaded.origin == [0.0; 3] {
         let levels = sog_meta(path).filter(|meta| is_levels(meta));
         loaded.origin = georeference::origin(levels.as_deref().unwrap_or(path))?;
+    }
+    if loaded.gaussians.is_empty() && !loaded.removed.is_empty() {
+        let what = "none has finite values and a rotation: the file is damaged; fetch or export it again".to_owned();
+        let record = counted(loaded.removed.len(), "Gaussian");
+        return Err(Error::Malformed { path: path.to_owned(), record, what });
     }
     Ok(loaded)
 }
@@ -256,8 +261,8 @@ impl Written {
                 return Err(Error::Unsupported {
                     path: path.to_owned(),
                     what:
-                        "models are written as .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz; give the output \
-                           one of these extensions"
+                        "models are written as .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, and by `convert` as pages, \
+                         .html, and levels of detail, lod-meta.json; give the output one of these names"
                             .into(),
                 });
             }
