@@ -5,7 +5,7 @@ use super::console::Console;
 use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
-use super::{Global, holds_run, tell_of_missing};
+use super::{Global, check_folder, holds_run, tell_of_missing};
 use crate::job::config::{PruneRule, Pruning};
 use crate::job::{Error, Output, RunConfig, earlier};
 use crate::lab::compare::{Arm, CompareRecord, arms_help, compare, compare_seeds, of_seeds, write_page};
@@ -92,6 +92,7 @@ impl Arguments {
         let compression = PruneRule { keep, ..PruneRule::default() };
         let config =
             self.training.configuration(self.scene.clone(), console)?.pruned(Pruning { compression, ..pruning });
+        check_folder(&self.output)?;
         let _claimed = Output::claim(&self.output)?;
         self.check_earlier(&config)?;
         let networks = self.resources.networks()?;

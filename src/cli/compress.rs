@@ -8,7 +8,7 @@ use super::scratch::Scratch;
 use super::show::Show;
 use super::values;
 use super::view::{self, Watched};
-use super::{Global, check_file, check_model, tell_of_missing};
+use super::{Global, check_file, check_folder, check_model, tell_of_missing};
 use crate::gaussians::formats::{self, Precision, SpzPrecision};
 use crate::job::records::{Aim, CompressRecord, StageScores, Truth};
 use crate::job::{Error, Output};
@@ -141,6 +141,7 @@ impl Arguments {
         if self.options.aim()?.is_some() {
             return Err(Error::Usage("--curve chooses the sizes itself; omit --size of the file".to_owned()));
         }
+        check_folder(&self.output)?;
         let output = Output::new(&self.output)?;
         let peer = Peer::find(&self.peer, output.folder());
         let mut loaded = read_model(&self.model, console)?;

@@ -1,6 +1,5 @@
 //! `qirf-vk convert IN OUT`.
 
-use super::Global;
 use super::compress::{outcome, poor, remarks};
 use super::console::Console;
 use super::inspect::read_model;
@@ -8,6 +7,7 @@ use super::show::Show;
 use super::style;
 use super::values::{self, Up};
 use super::viewer;
+use super::{Global, check_file};
 use crate::gaussians::formats::{self, Loaded, Precision, SpzPrecision, SpzVersion};
 use crate::job::records::Aim;
 use crate::job::{Error, Session};
@@ -109,6 +109,10 @@ impl Arguments {
         }
         let is_page = has_extension(&self.output, "html");
         self.check(is_page)?;
+        // The folder of levels is made.
+        if self.lod.is_none() || self.output.exists() {
+            check_file(&self.output)?;
+        }
         let mut loaded = self.placed(read_model(&self.input, console)?, console);
         let style = self.rendering.style(&self.input, &loaded, None, console);
         loaded.mode = style.mode();

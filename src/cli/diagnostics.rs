@@ -1,5 +1,6 @@
 //! `--diagnostics`: writes a file with block, score and fate of each Gaussian of a prune.
 
+use super::check_file;
 use super::console::Console;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode};
@@ -57,6 +58,9 @@ impl Recorder {
         let folder = file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if folder.components().ne(made.components()) {
             std::fs::metadata(folder).map_err(|source| Error::Write { path: file.to_owned(), source })?;
+        }
+        if folder.is_dir() {
+            [file, &model].into_iter().try_for_each(check_file)?;
         }
         Ok(Self { file: file.to_owned(), model: Some(model) })
     }

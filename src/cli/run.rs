@@ -9,16 +9,15 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::view::{self, Watched};
-use super::{Global, check_folder, tell_of_missing, values, viewer};
+use super::{Global, check_file, check_folder, tell_of_missing, values, viewer};
 use crate::gaussians::formats;
-use crate::job::output::same_place;
+use crate::job::output::{bytes_on_disk, same_place};
 use crate::job::records::{Aim, CompressRecord, RunRecord, ViewScores};
 use crate::job::{Earlier, Error, Init, Output, RunConfig, Session, earlier};
 use crate::pipeline::compress::fit::Target;
 use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use crate::pipeline::run;
 use crate::pose::{is_video, pose};
-use crate::render::Style;
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
 use crate::wording::counted;
@@ -107,6 +106,9 @@ impl Arguments {
         let input = Self::without_poses(&config)?;
         let recorder = self.recorder(&config)?;
         let output = Output::claim(&self.output)?;
+        if self.size.is_some() {
+            check_file(&output.packed())?;
+        }
         let found = Earlier::of(&output);
         if found == Earlier::Interrupted && !self.resume {
             return Err(Error::Unfinished(output.checkpoint()));
@@ -143,7 +145,7 @@ impl Arguments {
             .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
         if !self.no_report {
             let title = self.output.file_name().unwrap_or_default().to_string_lossy();
-            let drawn = config.style.over(record.protocol.background);
+            let drawn = RunConfig::read(&output.config())?.style.over(record.protocol.background);
             let viewer = || viewer::of_run(&session, &output.model(), &title, drawn);
             let viewer = self.with_model.then(viewer).transpose()?;
             report::write(&record, &output, viewer.as_deref())?;
@@ -220,8 +222,8 @@ impl Arguments {
         global: &Global,
         (config, output): (&RunConfig, &Output),
     ) -> Result<(), Error> {
-        let missing = self.size.filter(|_| !output.packed().exists());
-        let to_do = if missing.is_some() { "only model.sog is missing" } else { "nothing to do" };
+        let missing = self.size.filter(|size| !(1..=*size).contains(&bytes_on_disk(&output.packed())));
+        let to_do = if missing.is_some() { "only a model.sog of this size is missing" } else { "nothing to do" };
         console.note(format_args!("{}: this run is finished; {to_do}", output.folder().display()));
         if let Some(size) = missing {
             let (networks, watcher) = (self.resources.networks()?, Show::new(console));
@@ -312,7 +314,9 @@ fn pack(session: &Session<'_>, config: &RunConfig, output: &Output, size: u64) -
     let path = output.model();
     let loaded = formats::read(&path)?;
     let views = ViewSource::Photos(config.selection());
-    let config = CompressConfig { views, style: Style::of(loaded.mode), ..CompressConfig::default() };
+    // The run decides on effects; its file says how.
+    let style = RunConfig::read(&output.config())?.style;
+    let config = CompressConfig { views, style, ..CompressConfig::default() };
     let input = Input { path: &path, model: loaded.gaussians, read_s: 0.0 };
     let packed = output.packed();
     let target = Target { origin: loaded.origin, ..Target::new(&packed) };

@@ -65,9 +65,9 @@ impl Output {
     pub fn new(folder: &Path) -> Result<Self, Error> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
         let output = Self { folder: folder.to_owned(), _lock: None };
-        for file in [output.checkpoint(), output.config(), output.model(), output.metrics(), output.report()] {
-            formats::remove_leftovers(&file);
-        }
+        let files =
+            [output.checkpoint(), output.config(), output.model(), output.packed(), output.metrics(), output.report()];
+        files.iter().chain([&output.log()]).for_each(|file| formats::remove_leftovers(file));
         Ok(output)
     }
 

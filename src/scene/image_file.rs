@@ -3,7 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, RgbaImage};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbaImage};
 
 use super::error::Error;
 use super::jpeg::lacks_data;
@@ -29,7 +29,7 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
         return Err(Error::photo(path, "is text, perhaps a web page: download the photo again"));
     }
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| Error::io(path, e))?;
-    let is_known = reader.format().is_some();
+    let (is_known, is_exr) = (reader.format().is_some(), reader.format() == Some(ImageFormat::OpenExr));
     let decoded = reader.decode().map_err(|e| {
         if is_known && matches!(e, image::ImageError::Unsupported(_)) {
             let name = path.file_name().unwrap_or_default().display();
@@ -45,7 +45,40 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     if bytes.starts_with(&[0xff, 0xd8]) && lacks_data(&bytes) {
         return Err(Error::photo(path, "the JPEG is cut short: a part of its data is missing; copy it again"));
     }
+    let decoded = if is_exr { straight(decoded) } else { decoded };
+    if too_bright(&decoded) {
+        let convert = "scale its values to 0 to 1, or save it with 8 or 16 bits".to_owned();
+        return Err(Error::unread(
+            path,
+            format!("holds floats or whole numbers of 32 bits, most of them above 1, which is white: {convert}"),
+        ));
+    }
     Ok(decoded)
+}
+
+/// OpenEXR's colours are multiplied by alpha; here they are not.
+fn straight(decoded: DynamicImage) -> DynamicImage {
+    let DynamicImage::ImageRgba32F(mut floats) = decoded else { return decoded };
+    for pixel in floats.pixels_mut() {
+        let [r, g, b, a] = pixel.0;
+        if a > 0.0 && a < 1.0 {
+            pixel.0 = [r / a, g / a, b / a, a];
+        }
+    }
+    DynamicImage::ImageRgba32F(floats)
+}
+
+/// True for floats most of which would be white.
+fn too_bright(decoded: &DynamicImage) -> bool {
+    let most = |above: usize, all: usize| 2 * above > all;
+    match decoded {
+        DynamicImage::ImageRgb32F(floats) => most(floats.iter().filter(|v| **v > 1.0).count(), floats.len()),
+        DynamicImage::ImageRgba32F(floats) => {
+            let colours = floats.pixels().flat_map(|p| [p.0[0], p.0[1], p.0[2]]);
+            most(colours.filter(|v| *v > 1.0).count(), 3 * floats.len() / 4)
+        }
+        _ => false,
+    }
 }
 
 /// The first bytes of a Git LFS pointer, which stands for a file.
@@ -111,5 +144,25 @@ fn unread(bytes: &[u8]) -> Option<&'static str> {
         ([b'B', b'M', ..], _) => Some("BMP"),
         ([0x1f, 0x8b, ..], _) => Some("compressed by gzip"),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn floats_are_straight_and_not_all_white() {
+        let picture =
+            |pixels: Vec<f32>| DynamicImage::ImageRgba32F(image::Rgba32FImage::from_raw(2, 1, pixels).unwrap());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        picture(vec![0.1, 0.2, 0.3, 0.5, 2.0, 0.1, 0.1, 1.0]).save(&path).unwrap();
+        let read = to_bytes(decode(&path).unwrap());
+        // The curve of 0.2, 0.4, 0.6; a light may be brighter than white.
+        assert_eq!(read.get_pixel(0, 0).0, [124, 170, 203, 128]);
+        assert_eq!(read.get_pixel(1, 0).0[0], 255);
+        picture(vec![90.0, 120.0, 130.0, 1.0, 20.0, 30.0, 0.5, 1.0]).save(&path).unwrap();
+        assert!(decode(&path).unwrap_err().to_string().contains("which is white"));
     }
 }

@@ -309,3 +309,23 @@ fn an_edge_gives_no_points_and_a_hole_none() {
         assert!(pixel.y > 21.0 && (pixel.x - 32.0).abs() > 1.0, "{pixel}");
     }
 }
+
+/// What renderers write where nothing was hit is no depth.
+#[test]
+fn backgrounds_are_no_depths() {
+    let text = format!("{:117}\n", "{'descr': '<f4', 'fortran_order': False, 'shape': (10, 10), }");
+    let map = |background: f32, rows: usize| {
+        let values = (0..100).map(|i| if i < 10 * rows { background } else { 3.0 + i as f32 * 0.01 });
+        let bytes: Vec<u8> = values.flat_map(f32::to_le_bytes).collect();
+        let file = [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), &bytes].concat();
+        depth_maps::read::of_bytes(&file, None).unwrap().depths.into_iter().filter(|d| *d > 0.0).count()
+    };
+    for background in [1e10, 65504.0, 1000.0, f32::INFINITY] {
+        assert_eq!(map(background, 2), 80 + usize::from(background.is_infinite()) * 20, "{background}");
+    }
+    assert_eq!(map(5.0, 2), 100, "a wall a little behind");
+    let mut png = std::io::Cursor::new(Vec::new());
+    let steps = image::ImageBuffer::<image::Luma<u16>, _>::from_raw(2, 1, vec![1500, 65535]).unwrap();
+    steps.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    assert_eq!(depth_maps::read::of_bytes(png.get_ref(), None).unwrap().depths, [1.5, 0.0]);
+}

@@ -207,16 +207,16 @@ fn photos_give_evidence_scores_and_fine_tuning() {
     let (scene, trained) = (capture(folder.path(), 400), folder.path().join("trained"));
     let mut run = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &trained]);
     run.args(["--no-prune", "--iterations", "200", "--sh-degree", "1", "--size", "12kB", "--with-model"]);
-    run.args(["--background", "0.5,0.5,0.5"]);
+    run.args(["--background", "0.5,0.5,0.5", "--antialias"]);
     let run = works(&mut run);
     let packed = std::fs::metadata(trained.join("model.sog")).unwrap().len();
     assert!((11_400..=12_000).contains(&packed), "{packed}: {}", run.out);
     let html = parse(&std::fs::read_to_string(trained.join("report.html")).unwrap()).unwrap();
-    assert!(
-        html.select("#model iframe")[0]
-            .attribute("srcdoc")
-            .is_some_and(|page| { page.contains("id=\"model\"") && page.contains("\"background\":[0.5,0.5,0.5]") })
-    );
+    assert!(html.select("#model iframe")[0].attribute("srcdoc").is_some_and(|page| {
+        page.contains("id=\"model\"")
+            && page.contains("\"background\":[0.5,0.5,0.5]")
+            && page.contains("\"antialiased\":true")
+    }));
     let out = folder.path().join("small.ply");
     let scene = scene.to_str().unwrap();
     let pruned = ["--scene", scene, "--selector", "importance", "--keep", "0.1"];

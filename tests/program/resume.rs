@@ -188,7 +188,7 @@ fn a_finished_run_is_left_as_it_is() {
     says(&mut command(&scene, &out, &["--seed", "2", "--resume"]), 2, &["seed was 1, is 2"]);
     assert_eq!(before, files.map(written));
     let sized = || command(&scene, &out, &["--resume", "--size", "9kB"]);
-    says(&mut sized(), 0, &["only model.sog is missing"]);
+    says(&mut sized(), 0, &["only a model.sog of this size is missing"]);
     let packed = std::fs::read(out.join("model.sog")).unwrap();
     assert!(packed.len() <= 9000);
     says(&mut sized(), 0, &["nothing to do"]);

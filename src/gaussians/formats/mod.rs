@@ -261,8 +261,8 @@ impl Written {
                 return Err(Error::Unsupported {
                     path: path.to_owned(),
                     what:
-                        "models are written as .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, and by `convert` as pages, \
-                         .html, and levels of detail, lod-meta.json; give the output one of these names"
+                        "models are written as .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz; give the output \
+                           one of these extensions"
                             .into(),
                 });
             }

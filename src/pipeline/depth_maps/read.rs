@@ -14,6 +14,11 @@ const STEP: f64 = 1e-3;
 /// Share of the depth by which neighbouring pixels differ at an edge, where no depth is taken.
 const EDGE: f32 = 0.05;
 
+/// Depth from which nothing was hit.
+const NOTHING: f32 = 1e9;
+/// Least share of a map that a background has.
+const PLATEAU: f64 = 0.01;
+
 /// A decoded map, rows from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
@@ -35,7 +40,14 @@ pub fn read(path: &Path, step: Option<f64>) -> Result<Map, String> {
 
 /// As [`read`], of a file's bytes.
 pub fn of_bytes(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
-    let length = |steps: f64| (steps * step.unwrap_or(STEP)) as f32;
+    let mut map = decoded(bytes, step)?;
+    map.drop_background();
+    Ok(map)
+}
+
+fn decoded(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
+    // The largest whole number says that nothing was hit.
+    let length = |steps: f64| if steps < 65535.0 { (steps * step.unwrap_or(STEP)) as f32 } else { 0.0 };
     if bytes.starts_with(EXR) {
         return exr(bytes);
     }
@@ -116,6 +128,25 @@ fn npy(bytes: &[u8], length: impl Fn(f64) -> f32) -> Result<Map, String> {
 }
 
 impl Map {
+    /// Removes what renderers write where nothing was hit: the largest number of a half, a billion and more, or a plateau at exactly the
+    /// largest depth, far behind all others.
+    fn drop_background(&mut self) {
+        let largest_half = f16::MAX.to_f32();
+        self.depths.iter_mut().filter(|d| **d >= NOTHING || **d == largest_half).for_each(|d| *d = 0.0);
+        let most = self.depths.iter().copied().filter(|d| d.is_finite()).fold(0.0, f32::max);
+        let (mut count, mut next) = (0_usize, 0.0_f32);
+        for depth in &self.depths {
+            if *depth == most {
+                count += 1;
+            } else if *depth < most {
+                next = next.max(*depth);
+            }
+        }
+        if count as f64 > PLATEAU * self.depths.len() as f64 && next > 0.0 && next < 0.5 * most {
+            self.depths.iter_mut().filter(|d| **d == most).for_each(|d| *d = 0.0);
+        }
+    }
+
     /// The depth at a pixel, if there is one, and none of its neighbours lies at another.
     pub fn at(&self, x: u32, y: u32) -> Option<f64> {
         let value = |x: u32, y: u32| self.depths[y as usize * self.width as usize + x as usize];

@@ -31,7 +31,7 @@ use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
 use self::place::{Place, Poses};
@@ -142,6 +142,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     if let Some(asked) = &options.depth {
         find_depths(&files::image_folder(&listing.root, asked)?, &mut listed, &mut skipped);
     }
+    skipped.notes.extend(off_middle(&listed));
     let mut numbered = finish(listed, &source, options)?;
     numbered.sort_by(|(_, a), (_, b)| a.name.cmp(&b.name));
     let mut numbers: HashMap<u32, Vec<u32>> = HashMap::new();
@@ -236,6 +237,23 @@ fn outlying(views: &[View]) -> Option<String> {
     })
 }
 
+/// Distance of a principal point from the middle, as a share of the side, from which it is told: crops have such, cameras do not.
+const OFF_MIDDLE: f64 = 0.33;
+
+/// A note if the principal points of most views lie far from the middle.
+fn off_middle(views: &[ListedView]) -> Option<String> {
+    let off = |lens: &Lens| {
+        let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
+        ((lens.principal - 0.5 * size) / size).abs().max_element() > OFF_MIDDLE
+    };
+    let mut names = Names::default();
+    views.iter().filter(|view| off(&view.lens)).for_each(|view| names.add(&view.name));
+    let photos = counted(names.count, "photo");
+    (2 * names.count > views.len()).then(|| {
+        format!("{photos} with a principal point far from the middle: unless they are crops, correct cx and cy, or w and h ({names})")
+    })
+}
+
 /// Counts the photos in `folder` that no view has, and those that cannot be read.
 fn unposed(folder: &Path, views: &[ListedView], skipped: &mut Skipped) {
     let known: HashSet<&Path> = views.iter().map(|view| view.image.as_path()).collect();
@@ -280,8 +298,31 @@ fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -
     Ok(kept)
 }
 
-/// No file is the photo of two views, where one of them is absent: the view that names it as it is keeps it, or else the first.
+/// No file is the photo of two views, where one of them is absent: the view that names it as it is keeps it, or else the first. Where
+/// only the last part of their names ties two views to one file, it is the photo of neither.
 fn unshare(root: &Path, views: &mut [ListedView]) {
+    let mut twins: HashMap<String, Vec<usize>> = HashMap::new();
+    for (i, view) in views.iter().enumerate().filter(|(_, view)| view.name.contains('/')) {
+        twins.entry(names::key(names::last(&view.name))).or_default().push(i);
+    }
+    let folder = |path: &Path| {
+        let folder = path.parent().and_then(Path::file_name);
+        folder.map(|name| names::key(&name.to_string_lossy())).unwrap_or_default()
+    };
+    let named = |view: &ListedView| folder(Path::new(&view.name));
+    let doubtful = |i: &usize, twins: &[usize]| {
+        let view = &views[*i];
+        let other =
+            |twin: &ListedView| named(twin) != named(view) && (twin.image == view.image || !twin.image.is_file());
+        folder(&view.image) != named(view) && twins.iter().any(|j| other(&views[*j]))
+    };
+    let all = twins.values().filter(|twins| twins.len() > 1);
+    let doubtful: Vec<usize> =
+        all.flat_map(|twins| twins.iter().copied().filter(|i| doubtful(i, twins)).collect::<Vec<_>>()).collect();
+    for i in doubtful {
+        let view = &mut views[i];
+        view.image = view.image.with_file_name(&view.name); // which is not there
+    }
     let named = |view: &ListedView| names::last(&view.name) == view.image.file_name().unwrap_or_default();
     let mut order: Vec<&mut ListedView> = views.iter_mut().collect();
     order.sort_by_key(|view| !named(view)); // stable
@@ -305,6 +346,15 @@ fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Resu
             Some((width, height)) if view.lens.fits(width, height) => view.lens.resized(width, height),
             _ => view.lens,
         };
+        if lens.model == LensModel::Equirectangular && lens.width.abs_diff(2 * lens.height) > 2 + lens.width / 100 {
+            let (width, height) = (lens.width, lens.height);
+            let what = format!(
+                "is {width} x {height}: a panorama is twice as wide as high; fill up what was cut off, with ImageMagick by `magick mogrify \
+                 -gravity center -background black -extent {width}x{} FILE`",
+                width / 2
+            );
+            return Err(Error::malformed(source, format!("camera of image {:?}", view.name), what));
+        }
         let ideal = match known.entry(lens.key()) {
             Entry::Occupied(known) => known.into_mut(),
             Entry::Vacant(new) => {

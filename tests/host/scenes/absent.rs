@@ -211,3 +211,18 @@ fn masks_of_16_bits_count_by_their_own_numbers() {
     let photos = open(capture.path()).load_photos(&LoadOptions::default(), &|_| {}).unwrap();
     assert_eq!(photos[0].pixels.at(0).unwrap()[3], 127);
 }
+
+#[test]
+fn a_file_that_may_be_either_of_two_photos_is_neither() {
+    let twins = ["left/a.png", "right/a.png", "left/b.png"];
+    let scene = tempfile::tempdir().unwrap();
+    write(&scene.path().join("sparse/0"), row(&twins).text());
+    for file in ["images/a.png", "images/b.png"] {
+        picture(&scene.path().join(file), 64, 48);
+    }
+    assert_eq!(found(scene.path()), ["images/b.png"]);
+    for file in ["images/left/a.png", "images/right/a.png"] {
+        picture(&scene.path().join(file), 64, 48);
+    }
+    assert_eq!(found(scene.path())[..2], ["images/left/a.png", "images/right/a.png"]);
+}

@@ -174,3 +174,11 @@ fn nerfstudio_panoramas_need_no_focal_length() {
         assert!(middle[0].abs_diff(128) < 6 && middle[1].abs_diff(128) < 10, "{middle:?}");
     }
 }
+
+#[test]
+fn panoramas_without_their_poles_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    capture(folder.path(), &["a.png", "b.png"], [64, 22]);
+    let error = Scene::open(folder.path(), &OpenOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("a panorama is twice as wide as high") && error.contains("-extent 64x32"), "{error}");
+}

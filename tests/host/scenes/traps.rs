@@ -258,3 +258,29 @@ fn models_scenes_and_cameras_of_one_far_world_meet() {
     assert_eq!(place::origin_of_cameras(world + 5.0, own.to_array()), own);
     assert_eq!(place::origin_of_cameras(DVec3::splat(5.0), own.to_array()), DVec3::ZERO);
 }
+
+#[test]
+fn a_smaller_copy_tells_the_size_of_the_photo_that_is_absent() {
+    let scene = written([("transforms.json", transforms(r#""fl_x": 50, "fl_y": 51"#, &NAMES))]);
+    for name in ["images_2/a.png", "images_2/b.png"] {
+        picture(&scene.path().join(name), 32, 24);
+    }
+    let lens = open(scene.path()).views[0].lens;
+    assert_eq!((lens.width, lens.focal.x, lens.principal.x), (32, 25.0, 16.0));
+}
+
+#[test]
+fn principal_points_at_the_edge_are_told() {
+    let said = |top: &str| notes(&open(capture(json(&format!("{TOP}{top}"))).path()));
+    assert!(said(r#", "cx": 0, "cy": 0"#).contains("principal point far from the middle"));
+    assert!(!said(r#", "cx": 30, "cy": 26"#).contains("principal point"));
+}
+
+#[test]
+fn nulls_say_nothing() {
+    let top = format!(r#"{TOP}, "train_filenames": null, "test_frames": null, "val_filenames": null"#);
+    let scene =
+        capture(json(&top).replace("\"transform_matrix\"", r#""is_bad": null, "mask_path": "", "transform_matrix""#));
+    let opened = open(scene.path());
+    assert_eq!((opened.views.len(), opened.skipped.missing_masks.count), (2, 0));
+}

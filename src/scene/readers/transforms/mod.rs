@@ -10,7 +10,7 @@ use std::collections::{HashMap, HashSet};
 use std::iter;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 use super::files::Folders;
@@ -35,8 +35,13 @@ struct Frame {
     mask_path: Option<String>,
     depth_file_path: Option<String>,
     depth_path: Option<String>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "or_default")]
     is_bad: bool,
+}
+
+/// A field whose null says nothing.
+fn or_default<'de, T: Default + Deserialize<'de>, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or_default())
 }
 
 impl Frame {
@@ -57,10 +62,14 @@ impl Frame {
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Whole {
+    #[serde(deserialize_with = "or_default")]
     train_filenames: Vec<String>,
+    #[serde(deserialize_with = "or_default")]
     val_filenames: Vec<String>,
+    #[serde(deserialize_with = "or_default")]
     test_filenames: Vec<String>,
     /// Held-out frames beside the others, as of ScanNet++.
+    #[serde(deserialize_with = "or_default")]
     test_frames: Vec<Value>,
     /// Length of a step of whole-number depth maps, under the names of nerfstudio and instant-ngp.
     depth_unit_scale_factor: Option<f64>,
@@ -230,7 +239,7 @@ impl Reader<'_> {
         self.called_fisheye += usize::from(intrinsics.contradicts_itself());
         let size = match intrinsics.size() {
             Some(size) => Some(size),
-            None => files::photo_size(&usual),
+            None => files::photo_size(&usual).map(|size| self.whole_size(&name, &usual, size)),
         };
         // Blender's files give no size; a frame whose photo is absent has the size of the others.
         self.usual_size = self.usual_size.or(size).or_else(|| self.first_size(all));
@@ -283,6 +292,15 @@ impl Reader<'_> {
         self.lookup.find(name).map_or(listed, |found| self.lookup.folder().join(found))
     }
 
+    /// The size of a frame's photo, of which a smaller copy of this size was found.
+    fn whole_size(&self, name: &str, found: &Path, (width, height): (u32, u32)) -> (u32, u32) {
+        let copy = |n: &u32| {
+            name.strip_prefix("images/").is_some_and(|inner| found == self.root.join(format!("images_{n}")).join(inner))
+        };
+        let factor = [2, 4, 8].into_iter().find(copy).unwrap_or(1);
+        (width.saturating_mul(factor), height.saturating_mul(factor))
+    }
+
     /// The size of the first photo that exists.
     fn first_size(&self, frames: &[Value]) -> Option<(u32, u32)> {
         frames.iter().find_map(|frame| files::photo_size(&self.usual(&name_of(frame)?)))
@@ -299,7 +317,7 @@ impl Reader<'_> {
 
     /// The mask of a frame: as listed, or from a masks folder beside the photos' or in the scene.
     fn mask(&mut self, name: &str, listed: Option<&str>) -> Option<PathBuf> {
-        if let Some(listed) = listed {
+        if let Some(listed) = listed.filter(|listed| !listed.is_empty()) {
             let mask = self.folders.listed(self.root, listed);
             if mask.is_file() {
                 return Some(mask);
