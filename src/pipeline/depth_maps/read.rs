@@ -18,6 +18,8 @@ const EDGE: f32 = 0.05;
 const NOTHING: f32 = 1e9;
 /// Least share of a map that a background has.
 const PLATEAU: f64 = 0.01;
+/// Number of pixels that may be equally far by chance.
+const FEW: f64 = 8.0;
 
 /// A decoded map, rows from the top.
 #[derive(Clone, Debug, PartialEq)]
@@ -142,7 +144,7 @@ impl Map {
                 next = next.max(*depth);
             }
         }
-        if count as f64 > PLATEAU * self.depths.len() as f64 && next > 0.0 && next < 0.5 * most {
+        if count as f64 > (PLATEAU * self.depths.len() as f64).max(FEW) && next > 0.0 && next < 0.5 * most {
             self.depths.iter_mut().filter(|d| **d == most).for_each(|d| *d = 0.0);
         }
     }

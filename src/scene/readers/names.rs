@@ -1,5 +1,6 @@
 //! Names of photos: how captures write them, how file systems do, and which files only belong to a photo.
 
+use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::Path;
 
@@ -36,6 +37,20 @@ pub(super) fn relative(path: &str) -> String {
 /// The last part of a path with forward slashes.
 pub(super) fn last(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
+}
+
+/// Keys of the last parts of names that photos in different folders share.
+pub(super) fn twins<'a>(names: impl Iterator<Item = &'a str>) -> HashSet<String> {
+    let mut whole: HashMap<String, String> = HashMap::new();
+    let mut twins = HashSet::new();
+    for name in names {
+        let (last, own) = (key(last(name)), key(name));
+        if whole.get(&last).is_some_and(|other| *other != own) {
+            twins.insert(last.clone());
+        }
+        whole.insert(last, own);
+    }
+    twins
 }
 
 /// The path without a photo's extension.

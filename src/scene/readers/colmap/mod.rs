@@ -144,6 +144,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     let images = photo_folder(&root, options, &rows)?;
     let (masks, lookup) = (Masks::of(&root, &images), Lookup::of(&images));
     let mut skipped = Skipped::default();
+    let twins = names::twins(rows.iter().map(|row| row.name.as_str()));
     let mut taken: HashSet<String> = rows.iter().map(|row| row.name.clone()).collect();
     let places: HashMap<u64, DVec3> = if options.check {
         points.iter().map(|row| (row.id, DVec3::from_array(row.position))).collect()
@@ -173,8 +174,12 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
         let mut image = files::find_photo(&[images.join(&row.name)]);
         let mut name = row.name;
         if !image.is_file() {
-            // A file that belongs to another view is not this one's.
-            let found = lookup.find(&name).filter(|found| taken.insert(found.clone()));
+            // A file that belongs to another view is not this one's, nor is one that may be another's as well.
+            let folder = |path: &str| path.rsplit_once('/').map(|(folder, _)| names::key(names::last(folder)));
+            let own = |found: &str| {
+                folder(found) == folder(&names::relative(&name)) || !twins.contains(&names::key(names::last(&name)))
+            };
+            let found = lookup.find(&name).filter(|found| own(found) && taken.insert(found.clone()));
             name = found.unwrap_or_else(|| names::relative(&name));
             image = images.join(&name);
         }
