@@ -304,10 +304,10 @@ fn configurations_are_refused_by_field() {
     ] {
         assert!(text.contains(old), "{old} in {text}");
         fs::write(&edited, text.replace(old, new)).unwrap();
-        end(&mut begin()).with(2, &["edited.toml", field]);
+        end(&mut begin()).with(3, &["edited.toml", field]);
     }
     fs::write(&edited, text.as_bytes().iter().rev().copied().collect::<Vec<u8>>()).unwrap();
-    end(&mut begin()).with(2, &["edited.toml"]);
+    end(&mut begin()).with(3, &["edited.toml"]);
     fs::write(&edited, [0xff, 0xfe, 0]).unwrap();
     end(&mut begin()).with(3, &["edited.toml"]);
     assert!(!folder.path().join("new/config.toml").exists());

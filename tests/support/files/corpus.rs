@@ -182,7 +182,7 @@ fn json() -> Vec<Input> {
     let names = ["a.png", "b.png", "c.png"];
     let rigs = br#"[{"cameras": [{"image_prefix": "left/", "ref_sensor": true}, {"image_prefix": "right/",
         "cam_from_rig_rotation": [1, 0, 0, 0.5], "cam_from_rig_translation": [0.1, 0, 0]}]}]"#;
-    let panorama = r#""camera_model": "EQUIRECTANGULAR", "w": 64, "h": 48, "fl_x": 32.0"#;
+    let panorama = r#""camera_model": "EQUIRECTANGULAR", "w": 64, "h": 32, "fl_x": 32.0"#;
     let panorama = [("transforms.json", transforms(panorama, &names[..1])), ("a.png", photo("a.png"))];
     let with = |cloud: &[u8]| vec![("transforms.json", transforms(nerfstudio, &names)), ("points.ply", cloud.to_vec())];
     vec![
