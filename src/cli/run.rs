@@ -18,6 +18,7 @@ use crate::pipeline::compress::fit::Target;
 use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use crate::pipeline::run;
 use crate::pose::{is_video, pose};
+use crate::render::Style;
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
 use crate::wording::counted;
@@ -143,15 +144,17 @@ impl Arguments {
         let record = self
             .watched
             .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
+        // The run has decided on effects.
+        let style = RunConfig::read(&output.config())?.style;
         if !self.no_report {
             let title = self.output.file_name().unwrap_or_default().to_string_lossy();
-            let drawn = RunConfig::read(&output.config())?.style.over(record.protocol.background);
+            let drawn = style.over(record.protocol.background);
             let viewer = || viewer::of_run(&session, &output.model(), &title, drawn);
             let viewer = self.with_model.then(viewer).transpose()?;
             report::write(&record, &output, viewer.as_deref())?;
         }
         tell_of_missing(&networks, console);
-        let packed = self.size.map(|size| pack(&session, &config, &output, size)).transpose()?;
+        let packed = self.size.map(|size| pack(&session, (&config, style), &output, size)).transpose()?;
         output.complete();
         watcher.printed()?;
         self.report(console, &record, (packed.as_ref(), &output))
@@ -228,7 +231,9 @@ impl Arguments {
         if let Some(size) = missing {
             let (networks, watcher) = (self.resources.networks()?, Show::new(console));
             let device = self.resources.device(global)?;
-            let packed = pack(&self.resources.session((&device, &networks), &watcher), config, output, size)?;
+            let style = RunConfig::read(&output.config())?.style;
+            let session = self.resources.session((&device, &networks), &watcher);
+            let packed = pack(&session, (config, style), output, size)?;
             remarks(&packed, console);
             console.note(format_args!("packed {}", outcome(&packed)));
         }
@@ -309,13 +314,16 @@ impl Arguments {
     }
 }
 
-/// Packs the trained model into a file of at most this many bytes, compared by the run's photos.
-fn pack(session: &Session<'_>, config: &RunConfig, output: &Output, size: u64) -> Result<CompressRecord, Error> {
+/// Packs the trained model into a file of at most this many bytes, compared by the run's photos and drawn in this style.
+fn pack(
+    session: &Session<'_>,
+    (config, style): (&RunConfig, Style),
+    output: &Output,
+    size: u64,
+) -> Result<CompressRecord, Error> {
     let path = output.model();
     let loaded = formats::read(&path)?;
     let views = ViewSource::Photos(config.selection());
-    // The run decides on effects; its file says how.
-    let style = RunConfig::read(&output.config())?.style;
     let config = CompressConfig { views, style, ..CompressConfig::default() };
     let input = Input { path: &path, model: loaded.gaussians, read_s: 0.0 };
     let packed = output.packed();

@@ -12,7 +12,6 @@ use crate::job::{Error, Watcher};
 use crate::train::Progress;
 use crate::wording::counted;
 use indicatif::ProgressBar;
-use std::io;
 use std::sync::OnceLock;
 
 /// Shows a job on the console; each stage has a bar of its own.
@@ -65,7 +64,7 @@ impl<'a> Show<'a> {
         self.json = json;
     }
 
-    /// The first line of a log that could not be printed, but for a reader that closed the pipe.
+    /// The first error of printing a line of a log; `main` forgives a reader that closed the pipe.
     pub fn printed(&mut self) -> Result<(), Error> {
         self.unprinted.take().map_or(Ok(()), Err)
     }
@@ -73,14 +72,6 @@ impl<'a> Show<'a> {
     fn step(&self, bar: &OnceLock<ProgressBar>, what: &'static str, done: usize, total: usize) {
         advance(bar.get_or_init(|| self.console.bar(total as u64, what)), done as u64, total as u64);
         self.pulse.beat(self.console, (what, done as u64, total as u64), "");
-    }
-}
-
-/// Ignores an error of printing to a pipe that its reader closed.
-fn unless_closed(error: Error) -> Result<(), Error> {
-    match error {
-        Error::Print(cause) if cause.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        other => Err(other),
     }
 }
 
@@ -121,8 +112,8 @@ impl Watcher for Show<'_> {
         if self.json
             && let Ok(text) = serde_json::to_string(line)
         {
-            // A reader that closed the pipe has seen enough; the run goes on.
-            if let Err(error) = self.console.print(text).or_else(unless_closed) {
+            // Whatever became of the reader, the run goes on.
+            if let Err(error) = self.console.print(text) {
                 let _ = self.unprinted.set(error);
             }
         }

@@ -19,11 +19,11 @@ pub(super) fn poster(session: &Session<'_>, model: &Gaussians, options: &PageOpt
     if model.is_empty() {
         return Ok(None);
     }
-    let camera = options.first(model, POSTER);
+    let (outline, look) = (outline(model, options.up.normalize()), Look { size: POSTER, ..Look::default() });
+    let camera = options.first(&outline, &look);
     let size = [camera.width, camera.height];
     let settings = options.style.over(options.background);
-    let distance = outline(model, options.up.normalize()).framing(&Look { size: POSTER, ..Look::default() }).distance;
-    let settings = Settings { near: near_at(settings.near, distance), ..settings };
+    let settings = Settings { near: near_at(settings.near, outline.framing(&look).distance), ..settings };
     let image = picture(session, model, settings, &camera)?;
     let bytes = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
     Ok(RgbImage::from_raw(size[0], size[1], bytes.collect()).as_ref().and_then(data_uri))

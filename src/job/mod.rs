@@ -9,6 +9,7 @@ pub mod host_memory;
 pub mod output;
 pub mod records;
 pub mod run_log;
+pub mod sealed;
 pub mod session;
 pub mod watcher;
 

@@ -92,7 +92,7 @@ impl Output {
     }
 }
 
-/// What stands for a folder in a lock: itself, where folders can be opened.
+/// The file whose lock is a folder's: the folder itself, where folders can be opened.
 fn lockable(folder: &Path) -> std::io::Result<File> {
     if cfg!(unix) {
         return File::open(folder);

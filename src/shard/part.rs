@@ -3,6 +3,7 @@
 use super::sealed;
 use crate::gaussians::formats::crc32;
 use crate::job::Error;
+use crate::job::sealed::DAMAGED;
 use crate::response::{CHANNELS, Responses, Score};
 use bytemuck::{cast_slice, cast_slice_mut, pod_collect_to_vec};
 use safetensors::SafeTensorError;
@@ -108,7 +109,7 @@ impl Part {
         let arrays = [("channels", array("channels")?), ("index", array("index")?), ("scores", array("scores")?)];
         let sum = checksum(arrays.into_iter().chain([("plan", plan.as_bytes()), ("task", task.as_bytes())]));
         if note("crc32") != sum.to_string() {
-            return Err(sealed::DAMAGED.to_owned());
+            return Err(DAMAGED.to_owned());
         }
         let [channels, index, scores] = arrays.map(|(_, bytes)| pod_collect_to_vec::<u8, u32>(bytes));
         let fits = |rows: &[u32], width: usize| rows.is_empty() || rows.len() == width * index.len();

@@ -102,7 +102,7 @@ impl Plan {
         let what = match Self::read(folder) {
             Ok(there) if there == *self => None,
             Ok(_) => Some("holds another plan"),
-            // What a plan writes first may be left of an attempt that failed.
+            // A failed attempt may have left the files that are written before the plan.
             Err(_) => {
                 let begun = |entry: &std::fs::DirEntry| {
                     let name = entry.file_name();

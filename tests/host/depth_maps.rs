@@ -310,7 +310,7 @@ fn an_edge_gives_no_points_and_a_hole_none() {
     }
 }
 
-/// What renderers write where nothing was hit is no depth.
+/// The background that renderers write where nothing was hit is no depth.
 #[test]
 fn backgrounds_are_no_depths() {
     let text = format!("{:117}\n", "{'descr': '<f4', 'fortran_order': False, 'shape': (10, 10), }");

@@ -14,6 +14,7 @@ use crate::gaussians::formats::crc32;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, formats};
 use crate::job::records::RunRecord;
+use crate::job::sealed::{open, seal};
 use crate::job::{Error, Output, RunConfig, Session};
 use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::checkpoint::Checkpoint;
@@ -23,8 +24,7 @@ use crate::pipeline::setup::{Setup, tuned};
 use crate::pipeline::start::Start;
 use crate::scene::median;
 use bytemuck::cast_slice;
-use serde::{Deserialize, Serialize};
-use serde_json::value::RawValue;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// Writes `compare.html` of a comparison into its folder.
@@ -123,9 +123,11 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     let from = checksum(&fork.snapshot.model);
     if resume && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text) {
         // A result that is unreadable, of another fork, or about another model is computed again.
-        let read = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str::<Finished>(&text).ok());
+        let read = std::fs::read(&file).ok().and_then(|bytes| open(&bytes).ok());
         let model = crc32_of_file(&output.model()).ok();
-        if let Some(record) = read.filter(|read| Some(read.model_crc32) == model).and_then(|read| read.record(from)) {
+        let record =
+            read.filter(|read| read["fork_crc32"] == from && model.is_some_and(|model| read["model_crc32"] == model));
+        if let Some(record) = record.and_then(|mut read| serde_json::from_value(read["record"].take()).ok()) {
             return Ok(record);
         }
     }
@@ -150,31 +152,9 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     run.train(config.schedule.iterations)?;
     let record = arm_record(&arm.name, gaussians, psnr_pruned, run.finish()?);
     Output::text(&output.config(), &config_text)?;
-    Output::json(&file, "arm.json", &Finished::new(&record, from, crc32_of_file(&output.model())?)?)?;
+    let model = crc32_of_file(&output.model())?;
+    Output::json(&file, "arm.json", &seal(json!({ "fork_crc32": from, "model_crc32": model, "record": record })))?;
     Ok(record)
-}
-
-/// The contents of `arm.json`: the record of an arm, and what it is about.
-#[derive(Serialize, Deserialize)]
-struct Finished {
-    fork_crc32: u32,
-    model_crc32: u32,
-    /// Of the record's text.
-    crc32: u32,
-    record: Box<RawValue>,
-}
-
-impl Finished {
-    fn new(record: &ArmRecord, fork_crc32: u32, model_crc32: u32) -> Result<Self, Error> {
-        let record = serde_json::value::to_raw_value(record).map_err(|e| Error::encoding("arm.json", e))?;
-        Ok(Self { fork_crc32, model_crc32, crc32: crc32([record.get().as_bytes()]), record })
-    }
-
-    /// The record, if it is whole and continues this fork.
-    fn record(&self, fork: u32) -> Option<ArmRecord> {
-        let whole = self.crc32 == crc32([self.record.get().as_bytes()]) && self.fork_crc32 == fork;
-        if whole { serde_json::from_str(self.record.get()).ok() } else { None }
-    }
 }
 
 /// CRC-32 of a model's parameters.

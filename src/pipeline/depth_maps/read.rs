@@ -130,7 +130,7 @@ fn npy(bytes: &[u8], length: impl Fn(f64) -> f32) -> Result<Map, String> {
 }
 
 impl Map {
-    /// Removes what renderers write where nothing was hit: the largest number of a half, a billion and more, or a plateau at exactly the
+    /// Removes the background, which renderers write as the largest number of a half, as a billion or more, or as a plateau at exactly the
     /// largest depth, far behind all others.
     fn drop_background(&mut self) {
         let largest_half = f16::MAX.to_f32();

@@ -305,16 +305,12 @@ fn unshare(root: &Path, views: &mut [ListedView]) {
     for (i, view) in views.iter().enumerate().filter(|(_, view)| view.name.contains('/')) {
         twins.entry(names::key(names::last(&view.name))).or_default().push(i);
     }
-    let folder = |path: &Path| {
-        let folder = path.parent().and_then(Path::file_name);
-        folder.map(|name| names::key(&name.to_string_lossy())).unwrap_or_default()
-    };
-    let named = |view: &ListedView| folder(Path::new(&view.name));
+    let named = |view: &ListedView| names::folder_key(&view.name);
     let doubtful = |i: &usize, twins: &[usize]| {
         let view = &views[*i];
         let other =
             |twin: &ListedView| named(twin) != named(view) && (twin.image == view.image || !twin.image.is_file());
-        folder(&view.image) != named(view) && twins.iter().any(|j| other(&views[*j]))
+        names::folder_key(&view.image.to_string_lossy()) != named(view) && twins.iter().any(|j| other(&views[*j]))
     };
     let all = twins.values().filter(|twins| twins.len() > 1);
     let doubtful: Vec<usize> =

@@ -39,6 +39,11 @@ pub(super) fn last(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
 }
 
+/// Key of the folder that a path's last part lies in; empty without one.
+pub(super) fn folder_key(path: &str) -> String {
+    tidy(path).rsplit_once('/').map_or_else(String::new, |(folder, _)| key(last(folder)))
+}
+
 /// Keys of the last parts of names that photos in different folders share.
 pub(super) fn twins<'a>(names: impl Iterator<Item = &'a str>) -> HashSet<String> {
     let mut whole: HashMap<String, String> = HashMap::new();

@@ -171,7 +171,7 @@ pub(super) fn unread(names: &[String]) -> Option<String> {
 }
 
 /// The factor by which photos in a folder of this name are smaller: 4 for images_4; 1 for others.
-fn reduction(folder: &str) -> u32 {
+pub(super) fn reduction(folder: &str) -> u32 {
     let number = folder.strip_prefix("images_").and_then(|n| n.parse::<u32>().ok());
     number.filter(|n| n.is_power_of_two()).unwrap_or(1)
 }

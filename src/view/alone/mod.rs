@@ -8,7 +8,7 @@ use crate::gaussians::outline::outline;
 use crate::gaussians::{Error, Gaussians};
 use crate::render::Style;
 use crate::scene::camera::Camera;
-use crate::scene::orbit::{Look, UP};
+use crate::scene::orbit::{Look, Outline, UP};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::{DQuat, DVec3};
@@ -39,10 +39,9 @@ pub struct PageOptions {
 }
 
 impl PageOptions {
-    /// The initial camera of the page, for a picture of this size.
-    pub fn first(&self, model: &Gaussians, size: (u32, u32)) -> Camera {
-        let whole = || outline(model, self.up.normalize()).camera(0.0, &Look { size, ..Look::default() });
-        self.start.clone().unwrap_or_else(whole)
+    /// The initial camera of the page, for a picture of the look's size of a model with this outline.
+    pub fn first(&self, outline: &Outline, look: &Look) -> Camera {
+        self.start.clone().unwrap_or_else(|| outline.camera(0.0, look))
     }
 }
 

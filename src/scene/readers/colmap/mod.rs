@@ -175,9 +175,9 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
         let mut name = row.name;
         if !image.is_file() {
             // A file that belongs to another view is not this one's, nor is one that may be another's as well.
-            let folder = |path: &str| path.rsplit_once('/').map(|(folder, _)| names::key(names::last(folder)));
             let own = |found: &str| {
-                folder(found) == folder(&names::relative(&name)) || !twins.contains(&names::key(names::last(&name)))
+                names::folder_key(found) == names::folder_key(&names::relative(&name))
+                    || !twins.contains(&names::key(names::last(&name)))
             };
             let found = lookup.find(&name).filter(|found| own(found) && taken.insert(found.clone()));
             name = found.unwrap_or_else(|| names::relative(&name));

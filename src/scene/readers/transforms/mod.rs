@@ -7,6 +7,7 @@
 mod intrinsics;
 
 use std::collections::{HashMap, HashSet};
+use std::ffi::OsStr;
 use std::iter;
 use std::path::{Path, PathBuf};
 
@@ -17,6 +18,7 @@ use super::files::Folders;
 use super::lookup::Lookup;
 use super::masks::Masks;
 use super::names::tidy;
+use super::tree::reduction;
 use super::{ListedView, Listing, clouds, files, point_ply, pose};
 use crate::scene::lens::Lens;
 use crate::scene::view::Role;
@@ -294,10 +296,8 @@ impl Reader<'_> {
 
     /// The size of a frame's photo, of which a smaller copy of this size was found.
     fn whole_size(&self, name: &str, found: &Path, (width, height): (u32, u32)) -> (u32, u32) {
-        let copy = |n: &u32| {
-            name.strip_prefix("images/").is_some_and(|inner| found == self.root.join(format!("images_{n}")).join(inner))
-        };
-        let factor = [2, 4, 8].into_iter().find(copy).unwrap_or(1);
+        let folder = found.strip_prefix(self.root).ok().and_then(|path| path.iter().next()).and_then(OsStr::to_str);
+        let factor = folder.filter(|_| name.starts_with("images/")).map_or(1, reduction);
         (width.saturating_mul(factor), height.saturating_mul(factor))
     }
 
