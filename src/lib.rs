@@ -68,6 +68,7 @@ pub mod primitives;
 mod checksum;
 pub mod edit;
 pub mod effects;
+mod extension;
 pub mod gaussians;
 pub mod metrics;
 mod ply;

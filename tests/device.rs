@@ -27,7 +27,6 @@ mod device {
     mod selftest;
     mod train;
     mod trial;
-    mod tuning;
     mod watch;
     mod work;
 }

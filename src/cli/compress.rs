@@ -9,6 +9,7 @@ use super::show::Show;
 use super::values;
 use super::view::{self, Watched};
 use super::{Global, check_file, check_folder, check_model, tell_of_missing};
+use crate::extension::has_extension;
 use crate::gaussians::formats::{self, Precision, SpzPrecision};
 use crate::job::records::{Aim, CompressRecord, StageScores, Truth};
 use crate::job::{Error, Output};
@@ -19,6 +20,7 @@ use crate::pipeline::compress::peer::Peer;
 use crate::pipeline::compress::{self, Input};
 use crate::pipeline::place::place;
 use crate::qirf::pairs::PairCounts;
+use crate::report::format::bytes;
 use crate::report::{of_compression, of_curve};
 use crate::wording::counted;
 use std::path::{Path, PathBuf};
@@ -128,7 +130,7 @@ impl Arguments {
         })?;
         let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
         if let Some(path) = &self.report {
-            let page = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("html"));
+            let page = has_extension(path, &["html"]);
             let text = if page { of_compression(&figures) } else { format!("{json:#}\n") };
             Output::text(path, &text)?;
         }
@@ -182,7 +184,7 @@ impl Arguments {
             formats::refuse_overwrite(&self.model, path).map_err(Error::writing)?;
             check_file(path)?;
         }
-        if self.sh_bits.is_some() && self.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("spz")) {
+        if self.sh_bits.is_some() && !has_extension(&self.output, &["spz"]) {
             return Err(Error::Usage("--sh-bits applies only to SPZ: name an .spz file".to_owned()));
         }
         if self.report.as_ref().is_some_and(|report| diagnostics::same_file(report, &self.output)) {
@@ -209,10 +211,11 @@ pub(super) fn remarks(figures: &CompressRecord, console: &Console) {
     match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
         Some((Aim::Bytes(size), _)) if output.gaussians == input.gaussians && 20 * output.bytes < 19 * size => console
             .note(format_args!(
-                "no better file of at most {size} bytes was found in this format than this one of the whole model, of {}",
-                output.bytes
+                "the whole model takes {} in this format: no larger file, up to {}, is better",
+                bytes(output.bytes),
+                bytes(size)
             )),
-        Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => console.note(format_args!(
+        Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => console.warn(format_args!(
             "no file in this format reaches {wanted} dB: this one, of the whole model, is the finest"
         )),
         Some((Aim::Psnr(wanted), Some(psnr))) if psnr > wanted + ABOVE => console.note(format_args!(
@@ -230,7 +233,7 @@ pub(super) fn remarks(figures: &CompressRecord, console: &Console) {
 
 /// PSNR in dB below which a file is called a poor copy.
 const POOR: f64 = 40.0;
-/// Excess in dB over a wanted PSNR that is told.
+/// Excess over the wanted PSNR, in dB, that is reported.
 const ABOVE: f64 = 0.1;
 /// Loss in dB by packing alone that a compressed file does not need.
 const PACKED: f64 = 3.0;

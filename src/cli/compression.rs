@@ -2,15 +2,16 @@
 
 use super::choices::Choices;
 use super::style;
-use super::values::{self, Size, Up};
-use crate::effects::Overrides;
+use super::values::{self, Size};
 use crate::job::config::PruneRule;
 use crate::job::records::Aim;
 use crate::job::{Error, Selection};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
-use std::collections::BTreeMap;
+use crate::scene::EVAL_EVERY;
+use crate::scene::orbit::UP;
+use glam::DVec3;
 use std::path::{Path, PathBuf};
 
 /// Selection of Gaussians, views for evidence and scores, and rendering.
@@ -25,7 +26,7 @@ pub(super) struct CompressArgs {
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Compression")]
     seed: u32,
     /// Number of virtual cameras around the model; every eighth is held out for the scores [default: 48]
-    #[arg(long, value_name = "N", help_heading = "Without photos", conflicts_with = "scene", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    #[arg(long, value_name = "N", help_heading = "Without photos", conflicts_with_all = OF_PHOTOS, value_parser = clap::value_parser!(u32).range(2..=10_000))]
     views: Option<u32>,
     /// Maximum size of the file, such as 5MB, 800kB or 4.5MiB: find the file with the highest PSNR. As WxH: picture size of
     /// virtual cameras [default: 400x400]
@@ -35,8 +36,8 @@ pub(super) struct CompressArgs {
     #[arg(long, value_name = "DB", value_parser = values::psnr, conflicts_with_all = ["keep", "target_count"])]
     psnr: Option<f64>,
     /// Up direction: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
-    #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with = "scene", value_parser = values::up, allow_hyphen_values = true)]
-    up: Option<Up>,
+    #[arg(long, value_name = "AXIS", help_heading = "Without photos", conflicts_with_all = OF_PHOTOS, value_parser = values::up, allow_hyphen_values = true)]
+    up: Option<DVec3>,
     /// Scene whose photos guide the prune and score the result: a COLMAP, Blender, instant-ngp or nerfstudio folder
     #[arg(long, value_name = "SCENE", help_heading = "Photos")]
     scene: Option<PathBuf>,
@@ -58,6 +59,9 @@ pub(super) struct CompressArgs {
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
 }
+
+/// A scene and the options that require one: clap drops a requirement where another option excludes what is required.
+const OF_PHOTOS: [&str; 5] = ["scene", "images", "resolution", "pole_mask", "eval_every"];
 
 /// A preset of all options under "Compression".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -119,21 +123,18 @@ impl CompressArgs {
         let default = VirtualCameras::default();
         let views = match &self.scene {
             Some(scene) => ViewSource::Photos(Selection {
-                scene: scene.clone(),
                 images: self.images.clone(),
                 resolution: self.resolution.clone(),
                 pole_mask: self.pole_mask,
-                depth: None,
-                eval_every: self.eval_every.unwrap_or(8),
+                eval_every: self.eval_every.unwrap_or(EVAL_EVERY),
                 background: self.background,
-                effects: Overrides::default(),
-                contents: BTreeMap::new(),
+                ..Selection::of(scene.clone())
             }),
             None => ViewSource::OwnPictures {
                 cameras: VirtualCameras {
                     views: self.views.unwrap_or(default.views),
                     size: pictures.unwrap_or(default.size),
-                    up: self.up.unwrap_or(Up::Auto).direction(),
+                    up: self.up.unwrap_or(UP),
                 },
                 background: self.background.unwrap_or([0.0; 3]),
             },

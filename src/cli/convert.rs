@@ -5,9 +5,10 @@ use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
 use super::style;
-use super::values::{self, Up};
+use super::values;
 use super::viewer;
 use super::{Global, check_file};
+use crate::extension::has_extension;
 use crate::gaussians::formats::{self, Loaded, Precision, SpzPrecision, SpzVersion};
 use crate::job::records::Aim;
 use crate::job::{Error, Session};
@@ -19,11 +20,12 @@ use crate::pipeline::eval;
 use crate::pipeline::place::shift_to;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
+use crate::scene::orbit::UP;
 use crate::scene::{OpenOptions, Scene};
 use crate::view::alone::{PageOptions, Shell};
 use crate::wording::counted;
 use glam::DVec3;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk convert model.ply model.spz
@@ -69,7 +71,7 @@ pub(super) struct Arguments {
     background: Option<[f32; 3]>,
     /// World axis that is up: x, y, z, -x, -y, -z, or auto (as in captures: -y)
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true, help_heading = "Pages (.html)")]
-    up: Option<Up>,
+    up: Option<DVec3>,
     #[command(flatten)]
     rendering: style::Rendering,
     /// Maximum size of the page, such as 5MB: find the page with the highest PSNR
@@ -107,7 +109,7 @@ impl Arguments {
             let what = format!("{} is a folder; name a file, such as model.spz", self.output.display());
             return Err(Error::Usage(what));
         }
-        let is_page = has_extension(&self.output, "html");
+        let is_page = has_extension(&self.output, &["html"]);
         self.check(is_page)?;
         // The folder of levels is made.
         if self.lod.is_none() || self.output.exists() {
@@ -196,10 +198,10 @@ impl Arguments {
             let what = "--size applies only to pages here; for model files use `qirf-vk compress --size`";
             return Err(Error::Usage(what.into()));
         }
-        if self.spz_version.is_some() && !has_extension(&self.output, "spz") {
+        if self.spz_version.is_some() && !has_extension(&self.output, &["spz"]) {
             return Err(Error::Usage("--spz-version applies only to SPZ: name an .spz file".into()));
         }
-        if self.sh_bits.is_some() && !is_page && !has_extension(&self.output, "spz") {
+        if self.sh_bits.is_some() && !is_page && !has_extension(&self.output, &["spz"]) {
             return Err(Error::Usage("--sh-bits applies only to SPZ, and to pages, which contain one".into()));
         }
         if self.lod.is_some() != formats::is_levels(&self.output) {
@@ -218,7 +220,7 @@ impl Arguments {
         (target, size): (&Target<'_>, u64),
         console: &Console,
     ) -> Result<(), Error> {
-        let cameras = VirtualCameras { up: self.up.unwrap_or(Up::Auto).direction(), ..VirtualCameras::default() };
+        let cameras = VirtualCameras { up: self.up.unwrap_or(UP), ..VirtualCameras::default() };
         let views = ViewSource::OwnPictures { cameras, background: self.background.unwrap_or_default() };
         let config = CompressConfig { views, style, ..CompressConfig::default() };
         let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
@@ -267,7 +269,7 @@ impl Arguments {
             title: self.title.clone().unwrap_or_else(stem),
             background: self.background.unwrap_or_default(),
             style,
-            up: self.up.unwrap_or(Up::Auto).direction(),
+            up: self.up.unwrap_or(UP),
             start,
             poster: None,
         };
@@ -302,8 +304,4 @@ fn write_measured(
     };
     target.write(Some(packed), model, loaded.mode)?;
     Ok(cost)
-}
-
-fn has_extension(path: &Path, extension: &str) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }

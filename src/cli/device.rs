@@ -36,7 +36,7 @@ pub(super) struct Arguments {
     fingerprint: bool,
     /// Measure which tuning trains fastest on this device, and store it for later runs; takes about SECONDS, 50 without a value
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "50")]
-    #[arg(value_parser = values::seconds, conflicts_with_all = ["kernels", "tuning"])]
+    #[arg(value_parser = values::seconds, conflicts_with_all = ["kernels", "tuning", "fingerprint"])]
     tune: Option<u64>,
 }
 
@@ -83,6 +83,14 @@ impl Arguments {
         let device = global.open()?;
         let tuned = tune(&device, within, |what| console.note(what))?;
         let best = &tuned.tried[tuned.best];
+        if tuned.tried.len() < 2 && !tuned.left.is_empty() {
+            let seconds = within.as_secs();
+            return Err(Error::Usage(format!(
+                "--tune {seconds}: that was only enough to make the kernels of the usual tuning, and nothing is changed; give more \
+                 seconds, such as {}",
+                (4 * seconds).max(50)
+            )));
+        }
         let stored = if tuned.best == 0 {
             device.forget_tuning().map(|()| None)
         } else {
@@ -96,7 +104,7 @@ impl Arguments {
         console.print(measured(&tuned))?;
         console.print(match stored {
             Some(path) => format!("{}: stored in {} for later runs; --tuning overrides it", best.name, path.display()),
-            None => "no other is measurably faster: later runs use the class's defaults".to_owned(),
+            None => "no other is measurably faster: later runs use the usual tuning".to_owned(),
         })
     }
 
@@ -119,7 +127,7 @@ impl Arguments {
 /// A row for each tuning that was measured.
 fn measured(tuned: &Tuned) -> String {
     let ratio = |ratio: Option<f64>| ratio.map(|r| format!("{r:.3}")).unwrap_or_default();
-    let mut text = "| tuning | ms an iteration | of the class's row | again |\n|---|---:|---:|---:|".to_owned();
+    let mut text = "| tuning | ms an iteration | of the usual tuning | again |\n|---|---:|---:|---:|".to_owned();
     for (k, tried) in tuned.tried.iter().enumerate() {
         let mark = if k == tuned.best { " *" } else { "" };
         let [first, again] = [tried.ratio, tried.again].map(ratio);

@@ -2,6 +2,7 @@
 
 use super::check_file;
 use super::console::Console;
+use super::remedy::quoted;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode};
 use crate::job::Error;
@@ -77,7 +78,7 @@ impl Recorder {
         formats::write(model, before, mode).map_err(Error::writing)?;
         // As `view` will read it.
         diagnostics.write(&self.file, &formats::read(model)?.gaussians)?;
-        let (model, file) = (model.display(), self.file.display());
+        let [model, file] = [model, &self.file].map(|path| quoted(path));
         console.note(format_args!("to see the prune: qirf-vk view {model} --diagnostics {file}"));
         Ok(())
     }

@@ -15,7 +15,6 @@ use crate::metrics::{Networks, Scores};
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::place::{align, place};
 use crate::render::Style;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -141,19 +140,17 @@ impl Arguments {
         let file = self.config.as_deref().map(RunConfig::read).transpose()?;
         let style = self.rendering.style(&self.model, model, file.as_ref().map(|c| c.style), console);
         let exposure = file.as_ref().is_some_and(|c| c.exposure);
-        let base = file.map(|c| c.selection());
-        // The configuration's photo folder does not apply to a scene given as an argument.
-        let of_scene = base.as_ref().filter(|_| self.scene.is_none());
+        let base = file.map_or_else(|| Selection::of(PathBuf::new()), |c| c.selection());
         let selection = Selection {
-            scene: self.scene.clone().or(base.as_ref().map(|b| b.scene.clone())).unwrap_or_default(),
-            images: self.images.clone().or(of_scene.and_then(|b| b.images.clone())),
-            resolution: self.resolution.clone().or(base.as_ref().and_then(|b| b.resolution.clone())),
+            // The configuration's photo folder does not apply to a scene given as an argument.
+            images: self.images.clone().or(base.images.filter(|_| self.scene.is_none())),
+            scene: self.scene.clone().unwrap_or(base.scene),
+            resolution: self.resolution.clone().or(base.resolution),
             depth: None,
-            pole_mask: self.pole_mask.or(base.as_ref().map(|b| b.pole_mask)).unwrap_or(0.0),
-            eval_every: self.eval_every.or(base.as_ref().map(|b| b.eval_every)).unwrap_or(8),
-            background: self.background.or(base.as_ref().and_then(|b| b.background)),
-            effects: base.map(|b| b.effects).unwrap_or_default(),
-            contents: BTreeMap::new(),
+            pole_mask: self.pole_mask.unwrap_or(base.pole_mask),
+            eval_every: self.eval_every.unwrap_or(base.eval_every),
+            background: self.background.or(base.background),
+            ..base
         };
         Ok(Evaluation { selection, style, exposure })
     }

@@ -13,6 +13,8 @@ mod edit;
 mod eval;
 mod inspect;
 mod interrupt;
+mod lpips;
+mod outputs;
 mod plan;
 mod pose;
 mod pulse;
@@ -32,14 +34,13 @@ mod values;
 mod view;
 mod viewer;
 
-use crate::gaussians::formats;
 use crate::gpu::{Device, DeviceOptions, Milliseconds, TuningChoice};
 use crate::job::{Error, Exit};
-use crate::metrics::Networks;
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Colour, Console};
+use lpips::tell_of_missing;
+use outputs::{check_file, check_folder, check_model, check_no_run, holds_run};
 use std::io::{self, IsTerminal};
-use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use tracing_subscriber::filter::LevelFilter;
 
@@ -215,77 +216,6 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Refuses a file where a folder for results is wanted.
-fn check_folder(output: &Path) -> Result<(), Error> {
-    if output.exists() && !output.is_dir() {
-        return Err(Error::Usage(format!("-o {} is a file; name a folder", output.display())));
-    }
-    Ok(())
-}
-
-/// Refuses a folder of results that is a run's, or its folder of pictures.
-fn check_no_run(output: &Path) -> Result<(), Error> {
-    let pictures = output.file_name().is_some_and(|name| name == "renders").then(|| output.parent()).flatten();
-    match pictures.into_iter().chain([output]).find(|folder| folder.join("config.toml").is_file()) {
-        Some(run) => Err(holds_run(run)),
-        None => check_folder(output),
-    }
-}
-
-/// Refuses a file that is a run's model, which its figures describe.
-fn check_no_runs_model(output: &Path) -> Result<(), Error> {
-    let folder = output.parent().unwrap_or(Path::new(""));
-    if output.file_name().is_some_and(|name| name == "model.ply" || name == "model.sog") && inspect::is_run(folder) {
-        return Err(Error::Usage(format!(
-            "{} is a run's model, which the figures beside it describe; name another file",
-            output.display()
-        )));
-    }
-    Ok(())
-}
-
-/// An error for a folder with a run, whose figures would be overwritten.
-fn holds_run(output: &Path) -> Error {
-    Error::Usage(format!("-o {} holds a run and its figures; name another folder", output.display()))
-}
-
-/// Refuses the name of a file that is no model's, and the model of a run.
-fn check_model(output: &Path) -> Result<(), Error> {
-    check_no_runs_model(output)?;
-    if formats::is_levels(output) || output.extension().is_some_and(|e| e.eq_ignore_ascii_case("html")) {
-        let what = "pages and levels of detail are written by `qirf-vk convert`; write a model, and convert that";
-        return Err(Error::Usage(format!("{}: {what}", output.display())));
-    }
-    formats::check_output(output).map_err(Error::writing)
-}
-
-/// Refuses a folder where a file is to be written, and a file that cannot be written there.
-fn check_file(output: &Path) -> Result<(), Error> {
-    if output.is_dir() {
-        return Err(Error::Usage(format!("{} is a folder; name a file", output.display())));
-    }
-    formats::check_place(output).map_err(Error::writing)
-}
-
-/// Reports scores skipped because their weights are missing, and how to get those; to be called once there are scores.
-fn tell_of_missing(networks: &Networks, console: &Console) {
-    if let Some(note) = networks.note() {
-        let python = if cfg!(windows) { "python " } else { "" };
-        console.note(format_args!("{note}: run {python}{} once", lpips_weights().display()));
-    }
-}
-
-/// The script that makes the weights of LPIPS: where `tools/package` puts it beside the program, else where the sources have it.
-fn lpips_weights() -> PathBuf {
-    let program = std::env::current_exe().and_then(|p| p.canonicalize()).ok();
-    let installed = program.as_deref().and_then(Path::parent).and_then(|folder| {
-        // A tarball has the program at its top, a Debian package in usr/bin.
-        let tops = [Some(folder), folder.parent()];
-        tops.into_iter().flatten().map(|top| top.join("share/qirf-vk/lpips-weights")).find(|script| script.is_file())
-    });
-    installed.unwrap_or_else(|| "tools/lpips-weights".into())
-}
-
 impl Cli {
     /// Advice on an error of this command.
     fn remedy(&self, error: &Error) -> Option<String> {
@@ -335,9 +265,9 @@ impl Global {
     }
 
     /// Opens another handle of a device that is open.
-    fn open_again(device: &Device) -> Result<Device, Error> {
+    fn open_again(&self, device: &Device) -> Result<Device, Error> {
         let index = Some(device.info().index.to_string());
-        Ok(Device::open(&DeviceOptions { device: index, ..DeviceOptions::from_env()? })?)
+        Ok(Device::open(&DeviceOptions { device: index, ..self.options()? })?)
     }
 
     /// Opens the device that the options select to make its kernels, and to run nothing.

@@ -1,6 +1,7 @@
 //! Remedies for errors. The floors below name causes and know no options; this file adds the advice.
 
 use super::inspect::is_run;
+use crate::gaussians::formats;
 use crate::job::{Error, Relief};
 use crate::scene::{OpenOptions, Scene};
 use crate::{edit, gaussians, gpu, metrics, scene, synth, train};
@@ -105,10 +106,7 @@ fn writable(cause: &io::Error) -> Option<String> {
 
 /// Advice on a path that is neither the scene nor the model that was expected; `None` if its contents are unknown.
 fn other_kind(path: &Path) -> Option<String> {
-    let of_model = |e: &std::ffi::OsStr| {
-        ["ply", "spz", "splat", "ksplat", "sog"].iter().any(|known| e.eq_ignore_ascii_case(known))
-    };
-    if path.is_file() && path.extension().is_some_and(of_model) {
+    if path.is_file() && formats::is_model_name(path) {
         let path = quoted(path);
         Some(format!(
             "it is a model (`qirf-vk view {path}` shows it): give the folder of photos with poses that it was trained on"
@@ -284,7 +282,7 @@ fn pose(root: &Path, images: &Path) -> String {
 }
 
 /// A path quoted for a shell.
-fn quoted(path: &Path) -> String {
+pub(super) fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+,:@%=".contains(c);
     if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }

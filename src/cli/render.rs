@@ -4,8 +4,9 @@ use super::console::Console;
 use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style;
-use super::values::{self, Up};
+use super::values;
 use super::{Global, check_no_run};
+use crate::extension::has_extension;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::job::{Error, Session};
@@ -18,7 +19,7 @@ use crate::pipeline::place::{origin_of_cameras, place};
 use crate::pipeline::prepare::refuse_photo_folders;
 use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, near_at, render, scene_shots};
 use crate::scene::camera::{self, Camera};
-use crate::scene::orbit::Look;
+use crate::scene::orbit::{Look, UP};
 use crate::scene::{OpenOptions, Resize, Scene, walk};
 use crate::wording::counted;
 use clap::ArgGroup;
@@ -81,15 +82,15 @@ pub(super) struct Arguments {
     /// else 1280x720; 2048x1024 for a panorama]
     #[arg(long, value_name = "WxH", help_heading = "Cameras", value_parser = values::size)]
     size: Option<(u32, u32)>,
-    /// Vertical field of view of an orbit or a path, in degrees [default: 40]
-    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::degrees, conflicts_with_all = ["scene", "panorama"])]
+    /// Vertical field of view of an orbit, or of a path whose cameras have none, in degrees [default: 40]
+    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::degrees, conflicts_with_all = ["scene", "panorama", "resolution", "images"])]
     fov: Option<f64>,
     /// Height of an orbit above the horizon, in degrees [default: 15]
-    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with_all = ["scene", "panorama"], allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", help_heading = "Cameras", value_parser = values::elevation, conflicts_with_all = ["scene", "panorama", "resolution", "images"], allow_negative_numbers = true)]
     elevation: Option<f64>,
     /// Up axis of an orbit or a panorama: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", help_heading = "Cameras", value_parser = values::up, allow_hyphen_values = true)]
-    up: Option<Up>,
+    up: Option<DVec3>,
     /// Folder for the pictures, created if absent; a film.mp4 of a path, which needs ffmpeg; the .png or .npy file of a panorama
     #[arg(short, long, value_name = "DIR|FILE", help_heading = "Pictures")]
     output: PathBuf,
@@ -223,7 +224,7 @@ impl Arguments {
                 Ok(())
             };
         }
-        if FILES.iter().any(|known| self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case(known))) {
+        if has_extension(&self.output, &FILES) {
             let output = self.output.display();
             return refuse(&format!(
                 "-o {output}: films are .mp4 files, and pictures go to a folder; name one of these"
@@ -237,7 +238,7 @@ impl Arguments {
     }
 
     fn is_film(&self) -> bool {
-        !self.panorama && self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4"))
+        !self.panorama && has_extension(&self.output, &["mp4"])
     }
 
     /// The format of pictures; a panorama's file may name it.
@@ -249,7 +250,7 @@ impl Arguments {
             Some("png") if self.format == Format::Png => Ok(Format::Png),
             Some("npy") if !self.transparent => Ok(Format::Npy),
             _ => Err(Error::Usage(format!(
-                "-o {}: a panorama is written as .png or .npy (which knows no --transparent), as --format says",
+                "-o {}: a panorama is written as .png or, without --transparent, as .npy, as --format says",
                 self.output.display()
             ))),
         }
@@ -262,7 +263,7 @@ impl Arguments {
             elevation: self.elevation.map_or(default.elevation, f64::to_radians),
             size: self.size.unwrap_or(default.size),
         };
-        Orbit { count, look, up: self.up.unwrap_or(Up::Auto).direction() }
+        Orbit { count, look, up: self.up.unwrap_or(UP) }
     }
 
     /// The cameras of a path, and the frames per second that its file names.
@@ -303,7 +304,7 @@ impl Arguments {
         scene: Option<&Scene>,
         config: &mut RenderConfig,
     ) -> Panorama {
-        let up = self.up.unwrap_or(Up::Auto).direction();
+        let up = self.up.unwrap_or(UP);
         let all = scene.map(|scene| camera::mean_centre(scene.views.iter().map(|view| &view.camera)));
         let outline = outline(model, up);
         let reach = outline.rings.iter().map(|(_, radius)| *radius).fold(0.0, f64::max);

@@ -4,6 +4,7 @@ use super::choices::Choices;
 use super::compress::{outcome, remarks};
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
+use super::outputs::check_no_comparison;
 use super::pose::{Posing, warn};
 use super::resources::Resources;
 use super::show::Show;
@@ -13,7 +14,7 @@ use super::{Global, check_file, check_folder, tell_of_missing, values, viewer};
 use crate::gaussians::formats;
 use crate::job::output::{bytes_on_disk, same_place};
 use crate::job::records::{Aim, CompressRecord, RunRecord, ViewScores};
-use crate::job::{Earlier, Error, Init, Output, RunConfig, Session, earlier};
+use crate::job::{Earlier, Error, Init, Output, RunConfig, Session, Silent, earlier};
 use crate::pipeline::compress::fit::Target;
 use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use crate::pipeline::run;
@@ -99,12 +100,13 @@ pub(super) struct Arguments {
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         check_folder(&self.output)?;
+        check_no_comparison(&self.output)?;
         self.watched.check()?;
         let mut config = self.configuration(console)?;
         if global.tuning.is_some() {
             config.tuning = None;
         }
-        let input = Self::without_poses(&config)?;
+        let input = Self::without_poses(&config, console)?;
         let recorder = self.recorder(&config)?;
         let output = Output::claim(&self.output)?;
         if self.size.is_some() {
@@ -154,7 +156,7 @@ impl Arguments {
             report::write(&record, &output, viewer.as_deref())?;
         }
         tell_of_missing(&networks, console);
-        let packed = self.size.map(|size| pack(&session, (&config, style), &output, size)).transpose()?;
+        let packed = self.size.map(|size| pack(&session, (&config, style), (&output, size), console)).transpose()?;
         output.complete();
         watcher.printed()?;
         self.report(console, &record, (packed.as_ref(), &output))
@@ -184,7 +186,7 @@ impl Arguments {
     }
 
     /// The photos without poses, or the video, that the run begins with; `None` for a scene.
-    fn without_poses(config: &RunConfig) -> Result<Option<PathBuf>, Error> {
+    fn without_poses(config: &RunConfig, console: &Console) -> Result<Option<PathBuf>, Error> {
         if is_video(&config.scene) {
             return Ok(Some(config.scene.clone()));
         }
@@ -192,7 +194,11 @@ impl Arguments {
         match Scene::find(&config.scene, &options) {
             Err(scene::Error::NoPoses { images, beside, .. }) => {
                 if !beside.is_empty() {
-                    tracing::warn!("poses are estimated{}", beside.replacen(';', ":", 1));
+                    let photos = config.scene.display();
+                    console.warn(format_args!(
+                        "{photos}: poses are estimated, although there are some: {}",
+                        beside.trim_start_matches("; ")
+                    ));
                 }
                 Ok(Some(images))
             }
@@ -225,15 +231,19 @@ impl Arguments {
         global: &Global,
         (config, output): (&RunConfig, &Output),
     ) -> Result<(), Error> {
-        let missing = self.size.filter(|size| !(1..=*size).contains(&bytes_on_disk(&output.packed())));
-        let to_do = if missing.is_some() { "only a model.sog of this size is missing" } else { "nothing to do" };
+        let missing = self.size.filter(|size| !(size - size / 20..=*size).contains(&bytes_on_disk(&output.packed())));
+        let to_do = match (missing, output.packed().exists()) {
+            (None, _) => "nothing to do",
+            (Some(_), true) => "model.sog is packed again, for this size",
+            (Some(_), false) => "only model.sog is missing",
+        };
         console.note(format_args!("{}: this run is finished; {to_do}", output.folder().display()));
         if let Some(size) = missing {
-            let (networks, watcher) = (self.resources.networks()?, Show::new(console));
+            let (networks, watcher) = (self.resources.networks()?, Silent);
             let device = self.resources.device(global)?;
             let style = RunConfig::read(&output.config())?.style;
             let session = self.resources.session((&device, &networks), &watcher);
-            let packed = pack(&session, (config, style), output, size)?;
+            let packed = pack(&session, (config, style), (output, size), console)?;
             remarks(&packed, console);
             console.note(format_args!("packed {}", outcome(&packed)));
         }
@@ -241,6 +251,9 @@ impl Arguments {
             console.note("it has no report.html: only the run itself can write one");
         } else if self.with_model {
             console.note("--with-model has no effect: its report.html is written");
+        }
+        if self.diagnostics.is_some() {
+            console.note("--diagnostics has no effect: only the run itself can write them");
         }
         if self.json {
             let path = output.metrics();
@@ -318,9 +331,12 @@ impl Arguments {
 fn pack(
     session: &Session<'_>,
     (config, style): (&RunConfig, Style),
-    output: &Output,
-    size: u64,
+    (output, size): (&Output, u64),
+    console: &Console,
 ) -> Result<CompressRecord, Error> {
+    // The run's own watcher records the prunes of the run.
+    let watcher = Show::new(console);
+    let session = &Session { watcher: &watcher, ..*session };
     let path = output.model();
     let loaded = formats::read(&path)?;
     let views = ViewSource::Photos(config.selection());

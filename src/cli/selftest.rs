@@ -40,7 +40,7 @@ impl Arguments {
         }
         let mut handles = vec![device.clone()];
         if info.kind == DeviceKind::Cpu && thread::available_parallelism().is_ok_and(|n| n.get() > 1) {
-            handles.push(Global::open_again(&device)?);
+            handles.push(global.open_again(&device)?);
         }
         let checks = self.checks(console, &handles)?;
         let verdict = verdict(&checks, &info.name, &info.driver);

@@ -173,7 +173,7 @@ impl VerifyArguments {
                 let what = format!("{} of {} gave other bytes, {task} first", wrong.len(), counted(number, "task"));
                 return Err(Error::Part { path: path.clone(), what, task: task.to_string() });
             }
-            console.print(format_args!("{number} of {} gave the same bytes again", counted(done.len(), "task")))
+            console.print(format_args!("{} of {} done again: the same bytes", counted(number, "task"), done.len()))
         })
     }
 }

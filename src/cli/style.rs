@@ -35,6 +35,11 @@ impl Rendering {
         self.antialias.is_some() || self.dilation.is_some() || self.depth_order
     }
 
+    /// True if an option asks for something that only pictures have.
+    pub fn is_of_pictures(&self) -> bool {
+        self.dilation.is_some() || self.depth_order
+    }
+
     /// True if an order of depths per tile is asked for.
     pub fn by_tile(&self) -> bool {
         self.depth_order

@@ -6,7 +6,7 @@ use super::inspect::{is_scene, read_model};
 use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
-use super::values::{self, Up};
+use super::values;
 use super::{Global, check_no_run, tell_of_missing};
 use crate::gaussians::formats::Loaded;
 use crate::job::{Error, Output, Preset, RunConfig, Session};
@@ -14,6 +14,8 @@ use crate::lab::sweep::records::figure;
 use crate::lab::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
 use crate::metrics::Networks;
 use crate::pipeline::virtual_views::VirtualCameras;
+use crate::scene::orbit::UP;
+use glam::DVec3;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -57,7 +59,7 @@ pub(super) struct Arguments {
     size: Option<(u32, u32)>,
     /// Up direction of a model: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
-    up: Option<Up>,
+    up: Option<DVec3>,
     #[command(flatten)]
     choices: Choices,
     #[command(flatten)]
@@ -160,7 +162,7 @@ impl Arguments {
     fn of_model(&self, session: &Session<'_>, console: &Console) -> Result<Subject, Error> {
         let Loaded { gaussians: model, mode, .. } = read_model(&self.path, console)?;
         let default = VirtualCameras::default();
-        let (size, up) = (self.size.unwrap_or(default.size), self.up.unwrap_or(Up::Auto).direction());
+        let (size, up) = (self.size.unwrap_or(default.size), self.up.unwrap_or(UP));
         let background = self.training.background().unwrap_or([0.0; 3]);
         subject::of_model(session, &self.path, (model, mode), VirtualCameras { size, up, ..default }, background)
     }
@@ -181,13 +183,8 @@ impl Arguments {
         for axis in &swept.axes {
             console.print(format_args!("{}: {} ({})", axis.axis.name(), axis.accuracy, axis.time))?;
             for r in &axis.rungs {
-                let mark = match (r.default, r.front) {
-                    (true, _) => "default",
-                    (_, true) => "front",
-                    _ => "",
-                };
                 let time = r.time.map_or_else(|| "-".to_owned(), |t| figure(t.median));
-                console.print(format_args!("  {:<22} {:>10} {:>10}  {mark}", r.name, axis.shown(r), time))?;
+                console.print(format_args!("  {:<22} {:>10} {:>10}  {}", r.name, axis.shown(r), time, r.mark()))?;
             }
         }
         console.print(format_args!("report {}", self.output.join("sweep.html").display()))

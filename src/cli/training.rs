@@ -10,6 +10,7 @@ use crate::job::config::Pruning;
 use crate::job::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::job::{Error, Init, Preset, RunConfig};
 use crate::render::Style;
+use crate::scene::EVAL_EVERY;
 use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use clap::Args;
@@ -79,7 +80,7 @@ pub(super) struct Training {
     #[arg(long, value_name = "DEG", default_value = "0", help_heading = "Photos", value_parser = values::pole)]
     pole_mask: f64,
     /// Hold out every N-th photo for the scores; 0 holds out none
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = values::whole::<usize>, help_heading = "Photos")]
+    #[arg(long, value_name = "N", default_value_t = EVAL_EVERY, value_parser = values::whole::<usize>, help_heading = "Photos")]
     eval_every: usize,
 }
 
@@ -147,7 +148,7 @@ impl Training {
             max_gaussians: self.max_gaussians as usize,
             checkpoint_every: self.checkpoint_every,
             schedule: self.schedule(),
-            effects: self.overrides(),
+            effects: self.overrides()?,
             ..usual
         };
         match &config.init {
@@ -192,17 +193,30 @@ impl Training {
         self.background
     }
 
-    fn overrides(&self) -> Overrides {
+    fn overrides(&self) -> Result<Overrides, Error> {
         let mut out = self.preset.effects();
-        if let Some(on) = self.antialias {
-            out.set(Effect::Antialias, if on { Choice::On } else { Choice::Off });
-        }
-        if let Some(degree) = self.sh_degree {
-            out.set(Effect::ViewDependence, if degree > 0 { Choice::On } else { Choice::Off });
+        let choice = |on: bool| if on { Choice::On } else { Choice::Off };
+        let own = [
+            (Effect::Antialias, self.antialias.map(choice), "--antialias"),
+            (Effect::ViewDependence, self.sh_degree.map(|degree| choice(degree > 0)), "--sh-degree"),
+        ];
+        for (effect, asked, option) in own {
+            let other = self
+                .effect
+                .iter()
+                .find(|(named, choice)| *named == effect && Some(*choice) != asked && *choice != Choice::Auto);
+            if let (Some(_), Some((effect, choice))) = (asked, other) {
+                let what =
+                    format!("{option} and --effect {}={choice} contradict each other; leave out one", effect.name());
+                return Err(Error::Usage(what));
+            }
+            if let Some(asked) = asked {
+                out.set(effect, asked);
+            }
         }
         for (effect, choice) in &self.effect {
             out.set(*effect, *choice);
         }
-        out
+        Ok(out)
     }
 }

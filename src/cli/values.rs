@@ -43,7 +43,7 @@ pub(super) fn size(text: &str) -> Result<(u32, u32), String> {
 
 /// `640` (largest width) or `/4` (divisor).
 pub(super) fn resolution(text: &str) -> Result<Resize, String> {
-    crate::pipeline::prepare::resolution(text)
+    text.parse()
 }
 
 /// One of the dilations in use.
@@ -308,28 +308,9 @@ pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
         .ok_or_else(|| "write three numbers from 0 to 1, such as 1,1,1, or black, grey or white".to_owned())
 }
 
-/// The world direction that is up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Up {
-    /// As in captures.
-    Auto,
-    /// The given direction.
-    Axis(DVec3),
-}
-
-impl Up {
-    /// The direction that is up.
-    pub fn direction(self) -> DVec3 {
-        match self {
-            Self::Axis(axis) => axis,
-            Self::Auto => UP,
-        }
-    }
-}
-
-/// `x`, `-y`, `auto` and the like.
-pub(super) fn up(text: &str) -> Result<Up, String> {
-    let asked = if text == "auto" { Some(Up::Auto) } else { axis(text).map(Up::Axis) };
+/// The world direction that is up: `x`, `-y` and the like, or `auto`, as in captures.
+pub(super) fn up(text: &str) -> Result<DVec3, String> {
+    let asked = if text == "auto" { Some(UP) } else { axis(text) };
     asked.ok_or_else(|| "write x, y, z, -x, -y, -z or auto".to_owned())
 }
 
@@ -366,7 +347,7 @@ mod tests {
         assert_eq!(resolution("640"), Ok(Resize::Width(640)));
         assert_eq!(resolution("/4"), Ok(Resize::Divide(4)));
         assert_eq!(colour("0.5,0,1"), Ok([0.5, 0.0, 1.0]));
-        assert_eq!(up("-y"), Ok(Up::Axis(DVec3::NEG_Y)));
+        assert_eq!(up("-y"), Ok(DVec3::NEG_Y));
         assert_eq!(degrees("40"), Ok(40.0));
         for bad in ["", "0x7", "7", "7x", "x", "-1x5", "70000x5", "4294967296x1"] {
             assert!(size(bad).is_err(), "{bad}");

@@ -5,8 +5,8 @@ use super::console::Console;
 use super::inspect::{is_run, is_scene, read_model};
 use super::interrupt::Watch;
 use super::style;
-use super::values::{self, Up};
-use crate::effects::{Effect, THUMBNAIL_WIDTH};
+use super::values;
+use crate::effects::THUMBNAIL_WIDTH;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::job::diagnostics::Diagnostics;
@@ -15,10 +15,12 @@ use crate::job::{Error, RunConfig, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::place::place_in;
 use crate::render::Style;
-use crate::scene::{LoadOptions, OpenOptions, Resize, Scene, alpha_role};
+use crate::scene::orbit::UP;
+use crate::scene::{Resize, Scene, alpha_role};
 use crate::train::initialise::{Seed, from_points};
 use crate::view::subject::{Capture, Job, Model};
 use crate::view::{Live, Server, ServerOptions, StaticView, Subject};
+use glam::DVec3;
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::{Path, PathBuf};
@@ -61,7 +63,7 @@ pub(super) struct Arguments {
     resolution: Option<Resize>,
     /// Up axis if there are no photos: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
-    up: Option<Up>,
+    up: Option<DVec3>,
     /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: the
     /// run's, else white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour)]
@@ -139,7 +141,7 @@ impl Watched {
         self.address.warn(console);
         let device = session.device;
         let server = Server::start(&self.address.options(), Arc::clone(&subject), &device.info().name)?;
-        // Needed even where notes are not wanted, and no part of the results.
+        // Printed even with --quiet: without the address nobody can look.
         console.error(server.url());
         let live = Live::new(session.watcher, &server, device, subject);
         job(&Session { watcher: &live, ..*session })
@@ -205,9 +207,10 @@ impl Arguments {
             models.push(self.model(other, (None, capture.as_ref()), console)?);
         }
         let given = self.background.or(config.and_then(|c| c.background));
-        let background = given.unwrap_or_else(|| capture.as_ref().map_or([0.0; 3], Capture::background));
+        let background =
+            given.unwrap_or_else(|| capture.as_ref().map_or([0.0; 3], |c| c.alpha_role.usual_background()));
         let title = name(path);
-        let up = self.up.unwrap_or(Up::Auto).direction();
+        let up = self.up.unwrap_or(UP);
         let outline = capture.is_none().then(|| outline(&models[0].gaussians, up));
         Ok(Subject { title, job: Job::Show, models, background, outline, capture })
     }
@@ -248,7 +251,7 @@ fn name(path: &Path) -> String {
 pub(super) fn of_run(config: &RunConfig, output: &Path, console: &Console) -> Result<Subject, Error> {
     let mut capture = capture(&config.scene, Some(config.selection()), None, console)?;
     capture.scene.use_usual_unit(); // as the run does
-    let background = config.background.unwrap_or_else(|| capture.background());
+    let background = config.background.unwrap_or_else(|| capture.alpha_role.usual_background());
     let (title, models) = (name(output), Vec::new());
     Ok(Subject { title, job: Job::Run, models, background, outline: None, capture: Some(capture) })
 }
@@ -263,7 +266,7 @@ pub(super) fn of_compression(
     let (background, outline, capture) = match &config.views {
         ViewSource::Photos(selection) => {
             let capture = capture(&selection.scene, Some(selection.clone()), None, console)?;
-            (selection.background.unwrap_or_else(|| capture.background()), None, Some(capture))
+            (selection.background.unwrap_or_else(|| capture.alpha_role.usual_background()), None, Some(capture))
         }
         ViewSource::OwnPictures { cameras, background } => (*background, Some(outline(model, cameras.up)), None),
     };
@@ -278,24 +281,21 @@ fn capture(
     resolution: Option<Resize>,
     console: &Console,
 ) -> Result<Capture, Error> {
-    let images = trained.as_ref().and_then(|s| s.images.clone());
-    let mut scene = Scene::open(path, &OpenOptions { images, ..OpenOptions::default() })?;
+    let run = trained.is_some();
+    let selection = trained.unwrap_or_else(|| Selection::of(path.to_owned()));
+    let mut scene = Scene::open(path, &selection.open_options())?;
     // As a run does before it holds photos out; a capture without any photo still has its cameras.
-    let mut photographed = scene.clone();
-    if photographed.require_photos().is_ok() {
-        scene = photographed;
+    if scene.has_photos() {
+        scene.require_photos()?;
     }
     for line in scene.skipped.summary() {
         console.warn(format_args!("{}: {line}", path.display()));
     }
-    let given = trained.as_ref().and_then(|s| s.resolution.as_deref()).map(values::resolution).transpose();
-    let given = given.map_err(Error::Usage)?.or(trained.as_ref().map(|_| Resize::Full));
-    let resize = resolution.or(given).unwrap_or(Resize::Width(640));
-    let split = scene.split(trained.as_ref().map_or(crate::scene::EVAL_EVERY, |s| s.eval_every));
-    let effects = trained.map(|s| s.effects).unwrap_or_default();
-    let (alpha, masks) = (effects.forced(Effect::Transparency), effects.allow(Effect::Masks));
+    let own = if run { selection.resize().map_err(Error::Usage)? } else { Resize::Width(640) };
+    let resize = resolution.unwrap_or(own);
+    let split = scene.split(selection.eval_every);
     let views: Vec<_> = scene.views.iter().collect();
-    let small = LoadOptions { resize: Resize::Width(THUMBNAIL_WIDTH), alpha, masks, ..LoadOptions::default() };
+    let small = selection.load_options(Resize::Width(THUMBNAIL_WIDTH));
     let alpha_role = alpha_role(&views, &small)?;
     Ok(Capture { scene, resize, split, alpha_role, psnr: HashMap::new() })
 }

@@ -35,6 +35,9 @@ const NEAR: f32 = 0.25;
 /// Minimum share of a Gaussian's contribution in one photo, for it to be near that camera only.
 const ONE: f32 = 0.9;
 
+/// Share of a model above which floaters by photos are surprising: of trained models they were 1.2 % at most.
+pub const MANY_FLOATERS: f64 = 0.05;
+
 /// Evidence about a Gaussian from photos, or from pictures of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sight {

@@ -34,7 +34,7 @@ impl Similarity {
         if scale.is_finite() && scale > 0.0 {
             return Ok(Self { scale, ..Self::IDENTITY });
         }
-        Err(Error::Numbers(format!("a scale of {scale} leaves no model: give a finite number above 0")))
+        Err(Error::Numbers(format!("{scale} is no scale: give a finite number above 0")))
     }
 
     /// A right-handed rotation about an axis through the origin, in degrees.

@@ -70,7 +70,8 @@ pub fn decide(set: &TrainingSet<'_>, overrides: &Overrides, most: usize) -> (Vec
     let mut decisions = Effect::ALL.map(detect).to_vec();
     for d in &mut decisions {
         let Some(on) = overrides.forced(d.name) else { continue };
-        (d.on, d.forced, d.near_threshold) = (on, true, false);
+        let there = set.has_input(d.name);
+        (d.on, d.forced, d.near_threshold) = (on && there, true, false);
         if d.name == Effect::ViewDependence {
             d.degree = Some(if on { most.max(1) } else { 0 });
         }

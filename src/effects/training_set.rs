@@ -1,5 +1,6 @@
 //! Input of the detectors: the scene, and small copies of its training photos.
 
+use super::Effect;
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, Photo, Scene, View};
 use glam::{DVec2, DVec3};
@@ -63,6 +64,18 @@ pub struct Thumbnail {
     pub pixels: Vec<u8>,
     /// Meaning of the fourth byte of each pixel.
     pub alpha_role: AlphaRole,
+}
+
+impl TrainingSet<'_> {
+    /// True if the photos have what an effect needs: nothing can be simulated without it.
+    pub(super) fn has_input(&self, effect: Effect) -> bool {
+        match effect {
+            Effect::Depth => self.depths.maps > 0,
+            Effect::Masks => self.views().any(View::is_masked),
+            Effect::Distortion => self.views().any(|view| view.face.is_some() || view.lens.max_displacement() > 0.0),
+            _ => true,
+        }
+    }
 }
 
 impl Thumbnail {

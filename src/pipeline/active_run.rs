@@ -9,6 +9,7 @@ use super::pair_capacity;
 use super::prune::{PruneRequest, prune};
 use super::setup::Setup;
 use super::start::{Start, initialise};
+use crate::edit::MANY_FLOATERS;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::config::{ResponseSource, RunConfig};
@@ -308,8 +309,11 @@ impl<'a> ActiveRun<'a> {
         if config.clean {
             let found = of_training(session, &model, &mut self.trainer, &prepared.train)?;
             model.compact(&found.iter().map(Option::is_none).collect::<Vec<_>>());
-            let counts = FloaterCounts::of(&found);
-            watcher.note(&format!("{} removed: {counts}", counted(found.iter().flatten().count(), "floater")));
+            let (counts, removed) = (FloaterCounts::of(&found), found.iter().flatten().count());
+            watcher.note(&format!("{} removed: {counts}", counted(removed, "floater")));
+            if removed as f64 > MANY_FLOATERS * found.len() as f64 {
+                watcher.note("that is far more than usual, and may cost quality: train longer, or leave out --clean");
+            }
             floaters = Some((counts, Resident::upload(session.device, &model)?));
         }
         prepared.write(&output.model(), &model, config.style.mode())?;

@@ -1,10 +1,11 @@
 //! A model of which a job shows pictures: on the device if it fits there, else on the host.
 
+use super::budget;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::Error;
 use crate::job::session::Session;
-use crate::render::Source;
+use crate::render::{Source, Style};
 
 /// A model, and its copy on the device if that holds it.
 pub struct DrawSource<'a> {
@@ -22,6 +23,24 @@ impl<'a> DrawSource<'a> {
         let (n, name) = (model.len(), &device.info().name);
         watcher.note(&format!("pictures of {n} Gaussians are more than {name} holds at once: they are drawn in parts"));
         Ok(Self { model, resident: None })
+    }
+
+    /// As [`Self::new`], for pictures of at most this size in a style.
+    ///
+    /// # Errors
+    /// Too little memory for the pictures' own buffers.
+    pub fn for_pictures(
+        session: &Session<'_>,
+        model: &'a Gaussians,
+        size: [u32; 2],
+        style: Style,
+    ) -> Result<Self, Error> {
+        Self::new(session, model, budget::for_pictures(session.device, model, size, style)?.whole)
+    }
+
+    /// True if the device holds the model whole.
+    pub fn is_whole(&self) -> bool {
+        self.resident.is_some()
     }
 
     /// The model where it is.

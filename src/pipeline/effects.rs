@@ -9,7 +9,7 @@ use crate::job::Error;
 use crate::job::config::RunConfig;
 use crate::job::records::{CameraErrors, Trial};
 use crate::render::Style;
-use crate::scene::{EVAL_EVERY, LoadOptions, LoadedPhotos, Resize, Scene, Skipped, View, load_photos, median};
+use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, Skipped, View, load_photos, median};
 use crate::train::{self, schedule::Schedule};
 use rayon::prelude::*;
 use std::io;
@@ -41,28 +41,26 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     let split = scene.split(EVAL_EVERY).train;
     let views: Vec<&View> = scene.views.iter().collect();
     let options = LoadOptions { resize: Resize::Width(THUMBNAIL_WIDTH), ..LoadOptions::default() };
-    let LoadedPhotos { photos: loaded, notes, without_mask } = load_photos(&views, &options, &|_| ())?;
+    let loaded = load_photos(&views, &options, &|_| ())?;
     let mut skipped = scene.skipped.clone();
-    for at in without_mask {
-        skipped.damaged_masks.add_photo(views[at]);
-    }
-    for (photo, view) in loaded.iter().zip(&views) {
-        if let Err(error) = photo {
-            skipped.add_failed(view, error);
-        }
-    }
+    skipped.add_loaded(&loaded, &views);
     let (mut train, mut photos) = (Vec::new(), Vec::new());
     for view in split {
-        if let Ok(photo) = &loaded[view] {
+        if let Ok(photo) = &loaded.photos[view] {
             train.push(view);
             photos.push(Thumbnail::of(photo).map_err(train::Error::Photos)?);
         }
     }
     let maps = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH));
-    skipped.notes.extend(notes.into_iter().chain(maps.notes));
+    skipped.notes.extend(maps.notes);
     let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
     let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
     let mut decisions = effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0;
+    if let Some(d) = decisions.iter_mut().find(|d| d.name == Effect::Antialias && d.on) {
+        d.on = false;
+        d.evidence +=
+            ": it would help, but is on request only (--effect antialias=on), as most viewers draw plain models";
+    }
     if let Some(length) = effects::trial_length(iterations, train.len()) {
         let tried = [Effect::Exposure, Effect::Poses];
         for d in decisions.iter_mut().filter(|d| tried.contains(&d.name) && d.is_untold()) {

@@ -127,12 +127,11 @@ pub fn against(
     let Session { device, networks, watcher, .. } = *session;
     let (cameras, settings) = VirtualCameras::default().views(original, background, original_style);
     let size = camera::largest(&cameras);
-    let place = |model, style| budget::for_pictures(device, model, size, style).map(|place| place.whole);
     let test = {
-        let original = DrawSource::new(session, original, place(original, original_style)?)?;
+        let original = DrawSource::for_pictures(session, original, size, original_style)?;
         OwnPictures::draw(session, original.source(), cameras, settings, (false, ALL))?.test
     };
-    let shown = DrawSource::new(session, model, place(model, style)?)?;
+    let shown = DrawSource::for_pictures(session, model, size, style)?;
     let settings = Settings { near: settings.near, ..style.over(background) };
     let mut evaluator = Evaluator::of(device, settings, shown.source(), test.iter().map(|(_, view)| view))?;
     let held_out = evaluator.held_out(shown.source(), &test, None, networks, &mut |done| {

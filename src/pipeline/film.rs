@@ -11,6 +11,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 const FFMPEG: &str = "ffmpeg";
+const FILM: &str = "film.mp4";
 
 /// Draws the pictures of some cameras and makes a film of them (H.264, of an even size), written completely or not at all.
 ///
@@ -22,7 +23,7 @@ pub fn film(
     (cameras, config, rate): (Vec<Camera>, &RenderConfig, f64),
     file: &Path,
 ) -> Result<RenderTimes, Error> {
-    run(&["-version".to_owned()], file)?;
+    run(&["-version".to_owned()], Path::new("."), file)?;
     let unwritten = |source| Error::Write { path: file.to_owned(), source };
     let folder = file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
     std::fs::create_dir_all(folder).map_err(unwritten)?;
@@ -31,22 +32,22 @@ pub fn film(
     let shots: Vec<Shot> = frames(cameras, work.path(), Format::Png);
     let digits = frame_digits(shots.len());
     let times = render(session, model, &shots, &config)?;
-    let made = work.path().join("film.mp4");
-    let pattern = work.path().join(format!("frame_%0{digits}d.png")).display().to_string();
+    let pattern = format!("frame_%0{digits}d.png");
     let words = ["-hide_banner", "-nostdin", "-loglevel", "error", "-y", "-framerate"];
     let options = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p"];
     let mut arguments: Vec<String> = words.map(ToOwned::to_owned).to_vec();
     arguments.extend([rate.to_string(), "-start_number".into(), "0".into(), "-i".into(), pattern]);
     arguments.extend(options.map(ToOwned::to_owned));
-    arguments.extend(["-movflags".into(), "+faststart".into(), made.display().to_string()]);
-    run(&arguments, file)?;
-    std::fs::rename(&made, file).map_err(unwritten)?;
+    arguments.extend(["-movflags".into(), "+faststart".into(), FILM.into()]);
+    run(&arguments, work.path(), file)?;
+    std::fs::rename(work.path().join(FILM), file).map_err(unwritten)?;
     Ok(times)
 }
 
-/// Runs ffmpeg; where it fails, its words are in a file beside `file`.
-fn run(arguments: &[String], file: &Path) -> Result<(), Error> {
-    let output = Command::new(FFMPEG).args(arguments).stdin(Stdio::null()).output();
+/// Runs ffmpeg in a folder, whose path may hold what ffmpeg's patterns mean otherwise; where it fails, its words are in a file beside
+/// `file`.
+fn run(arguments: &[String], folder: &Path, file: &Path) -> Result<(), Error> {
+    let output = Command::new(FFMPEG).args(arguments).current_dir(folder).stdin(Stdio::null()).output();
     let output = output.map_err(|source| match source.kind() {
         io::ErrorKind::NotFound => Error::NoProgram(vec![FFMPEG]),
         _ => Error::Write { path: file.to_owned(), source },

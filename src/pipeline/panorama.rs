@@ -1,8 +1,8 @@
 //! A panorama of all directions (equirectangular), from six pictures.
 
+use super::draw_source::DrawSource;
 use super::evaluate::pictures;
 use super::render::{RenderConfig, RenderTimes};
-use super::{budget, draw_source::DrawSource};
 use crate::gaussians::Gaussians;
 use crate::job::Error;
 use crate::job::session::Session;
@@ -106,8 +106,7 @@ pub fn draw(
     }
     let faces = panorama.faces();
     let size = [faces[0].width, faces[0].height];
-    let place = budget::for_pictures(session.device, model, size, config.settings.style)?;
-    let shown = DrawSource::new(session, model, place.whole)?;
+    let shown = DrawSource::for_pictures(session, model, size, config.settings.style)?;
     let mut painter = Painter::of(session.device, config.settings, shown.source(), size)?;
     let begun = Instant::now();
     let mut pictures = Vec::with_capacity(faces.len());

@@ -1,7 +1,7 @@
 //! From a scene on disk to views in memory.
 
 use super::depth_maps::{self, DepthMaps};
-use crate::effects::{DepthEvidence, Effect};
+use crate::effects::DepthEvidence;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode, crc32};
 use crate::job::Error;
@@ -9,7 +9,7 @@ use crate::job::config::Selection;
 use crate::job::watcher::Watcher;
 use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
-use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene, View};
+use crate::scene::{AlphaRole, LoadOptions, Photo, PhotoMemory, Resize, Scene, View};
 use crate::train;
 use flate2::CrcWriter;
 use rayon::prelude::*;
@@ -82,7 +82,7 @@ impl Prepared {
         f64::from(self.scene.near) / f64::from(Settings::default().near)
     }
 
-    /// Counts lengths in a unit of which the scene has a usual number of, for training: [`Scene::use_usual_unit`].
+    /// Switches to a unit of length in which the scene has a usual size, for training: [`Scene::use_usual_unit`].
     #[must_use]
     pub fn in_usual_unit(mut self) -> Self {
         let unit = self.scene.use_usual_unit();
@@ -102,16 +102,6 @@ impl Prepared {
     pub fn views(&self) -> impl Iterator<Item = &Photo> {
         self.test.iter().map(|(_, view)| view).chain(&self.train)
     }
-}
-
-/// Reads `W` or `/K`.
-pub fn resolution(text: &str) -> Result<Resize, String> {
-    let number = |t: &str| t.parse::<u32>().ok().filter(|n| *n > 0);
-    let read = match text.strip_prefix('/') {
-        Some(k) => number(k).map(Resize::Divide),
-        None => number(text).map(Resize::Width),
-    };
-    read.ok_or_else(|| format!("'{text}' is neither a width in pixels, such as 800, nor a divisor, such as /4"))
 }
 
 /// Refuses to write any of `files` into a folder of the scene's photos or masks.
@@ -221,20 +211,9 @@ pub struct Opened {
 
 /// Opens a scene.
 pub fn open(selection: &Selection) -> Result<Opened, Error> {
-    let resize = match &selection.resolution {
-        Some(text) => resolution(text).map_err(Error::Usage)?,
-        None => Resize::Full,
-    };
+    let resize = selection.resize().map_err(Error::Usage)?;
     selection.effects.check().map_err(Error::Usage)?;
-    let undistort = selection.effects.forced(Effect::Distortion);
-    let options = OpenOptions {
-        images: selection.images.clone(),
-        undistort,
-        pole_mask: selection.pole_mask,
-        depth: selection.depth.clone(),
-        check: false,
-    };
-    let mut scene = Scene::open(&selection.scene, &options)?;
+    let mut scene = Scene::open(&selection.scene, &selection.open_options())?;
     scene.require_photos()?;
     let depths = (DepthMaps::default(), scene.points.len());
     Ok(Opened { scene, resize, selection: selection.clone(), required: Vec::new(), depths })
@@ -315,8 +294,7 @@ impl Opened {
     /// No photo can be decoded; [`Error::LostPhoto`] for one of [`Opened::only`]; a temporary file that cannot be written.
     pub fn load(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let Self { mut scene, resize, selection, required, depths: (maps, points) } = self;
-        let (alpha, masks) = (selection.effects.forced(Effect::Transparency), selection.effects.allow(Effect::Masks));
-        let options = LoadOptions { resize, alpha, masks, memory };
+        let options = LoadOptions { memory, ..selection.load_options(resize) };
         let total = scene.views.len();
         let mut photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
         watcher.unless_stopped()?;
@@ -336,12 +314,7 @@ impl Opened {
         let train = split.train.iter().map(|i| photos[*i].clone()).collect();
         let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), photos[*i].clone())).collect();
         let extent = scene.extent(&split.train);
-        let usual = match AlphaRole::of(&photos) {
-            // Blender scenes are usually trained and scored on white.
-            AlphaRole::Alpha => [1.0; 3],
-            AlphaRole::Opaque | AlphaRole::Mask => [0.0; 3],
-        };
-        let background = selection.background.unwrap_or(usual);
+        let background = selection.background.unwrap_or_else(|| AlphaRole::of(&photos).usual_background());
         Ok(Prepared { scene, train, test, extent, background, depths: maps.evidence })
     }
 }

@@ -41,8 +41,7 @@ pub fn prune(
     let responses = respond(trainer, source, request.compression.selector)?;
     let responses_s = begun.elapsed().as_secs_f64();
     let mut record = prune_by(device, trainer, &responses, request, follow)?;
-    record.seconds.responses = responses_s;
-    record.seconds.total += responses_s;
+    record.seconds.add_responses(responses_s);
     Ok(record)
 }
 

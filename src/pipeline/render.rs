@@ -1,9 +1,9 @@
 //! `qirf-vk render`: pictures of a model, from a scene's cameras or on a circle around it.
 
 use super::depth::{self, DepthPainter};
+use super::draw_source::DrawSource;
 use super::evaluate::pictures::{self, Format};
 use super::prepare::refuse_photo_folders;
-use super::{budget, draw_source::DrawSource};
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::job::Error;
@@ -31,8 +31,7 @@ pub fn near_at(usual: f32, distance: f64) -> f32 {
 /// One picture of a model, wherever the model fits.
 pub fn picture(session: &Session<'_>, model: &Gaussians, settings: Settings, camera: &Camera) -> Result<Image, Error> {
     let size = [camera.width, camera.height];
-    let place = budget::for_pictures(session.device, model, size, settings.style)?;
-    let shown = DrawSource::new(session, model, place.whole)?;
+    let shown = DrawSource::for_pictures(session, model, size, settings.style)?;
     Ok(Painter::of(session.device, settings, shown.source(), size)?.render(shown.source(), camera)?)
 }
 
@@ -131,8 +130,7 @@ pub fn render(
         model.sh.truncate(model.degree_in_effect() + 1);
     }
     let size = camera::largest(shots.iter().map(|s| &s.camera));
-    let place = budget::for_pictures(session.device, &model, size, config.settings.style)?;
-    let shown = DrawSource::new(session, &model, place.whole)?;
+    let shown = DrawSource::for_pictures(session, &model, size, config.settings.style)?;
     let mut painter = Painter::of(session.device, config.settings, shown.source(), size)?;
     let begun = Instant::now();
     let (mut draw_s, mut empty) = (0.0, 0_usize);
@@ -146,9 +144,10 @@ pub fn render(
         pictures::write(&shot.path, &image, config.format, config.transparent)?;
     }
     session.watcher.rendering(shots.len(), shots.len());
+    let whole = shown.is_whole();
     drop((painter, shown));
     if config.depth {
-        let mut painter = DepthPainter::new(session.device, &model, (config.settings, size, place.whole))?;
+        let mut painter = DepthPainter::new(session.device, &model, (config.settings, size, whole))?;
         for shot in shots {
             session.watcher.unless_stopped()?;
             painter.draw(&shot.camera)?.write(&shot.path, depth::unit(config.settings.near))?;

@@ -169,6 +169,9 @@ pub fn tune(device: &Device, within: Duration, mut follow: impl FnMut(&str)) -> 
             left.push(variant.name);
         }
     }
+    if subjects.len() == 1 {
+        return Ok(Tuned { tried: subjects.iter().map(Tried::of).collect(), left, best: 0 });
+    }
     follow(&format!("{} tunings take turns", subjects.len()));
     let ratios = rounds(&mut subjects.iter_mut().collect::<Vec<_>>(), scale.turn, until(0.7))?;
     subjects.iter_mut().zip(ratios).for_each(|(subject, ratios)| subject.ratios = ratios);

@@ -1,5 +1,6 @@
 //! Panoramas without poses: each is cut into the faces of a cube, which are the photos of a rig of six pinholes at one place.
 
+use crate::extension::has_extension;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
@@ -72,7 +73,7 @@ fn write(file: &Path, mask: &Path, photo: &Photo) -> Result<(), Error> {
     let rgb: Vec<u8> = pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     let rgb = image::RgbImage::from_raw(width, height, rgb).unwrap_or_default();
     make(file)?;
-    let jpeg = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("jpg") || e.eq_ignore_ascii_case("jpeg"));
+    let jpeg = has_extension(file, &["jpg", "jpeg"]);
     let written = if jpeg {
         let out = fs::File::create(file).map_err(|e| unwritten(file, e.to_string()))?;
         rgb.write_with_encoder(JpegEncoder::new_with_quality(out, QUALITY))

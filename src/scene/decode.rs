@@ -60,10 +60,10 @@ impl Default for PhotoMemory<'_> {
 /// saved with an alpha channel have a few such pixels, and all of 254 of 255 is 0.4 %.
 pub const ALPHA_SHARE: f64 = 0.005;
 
-/// Transparency of all pixels together from which on there is nothing left to see, and alpha does not count either.
+/// Share of transparency from which on nothing would be visible; alpha is then ignored, too.
 const NOTHING: f64 = 0.9999;
 
-/// Photos as loaded, and what to tell of them.
+/// Loaded photos, with notes for the user.
 pub struct LoadedPhotos {
     /// In the order of the views; a damaged photo fails alone.
     pub photos: Vec<Result<Photo, Error>>,
@@ -339,8 +339,8 @@ impl View {
         let mut mask = mask.unwrap_or_else(|| vec![255; camera.pixels() as usize]);
         for (n, byte) in mask.iter_mut().enumerate() {
             let (x, y) = (n as u32 % camera.width, n as u32 / camera.width);
-            let ray = (DVec2::new(f64::from(x), f64::from(y)) + 0.5 - camera.principal) / camera.focal;
-            *byte = if face.hides(&self.lens, ray.extend(1.0)) { 0 } else { *byte };
+            let ray = camera.ray(DVec2::new(f64::from(x), f64::from(y)) + 0.5);
+            *byte = if face.hides(&self.lens, ray) { 0 } else { *byte };
         }
         Some(mask)
     }

@@ -130,7 +130,7 @@ impl Lens {
     fn sees(&self, ray: DVec3, reach: f64) -> bool {
         let pixel = self.pixel_of(ray);
         let size = DVec2::new(f64::from(self.width), f64::from(self.height));
-        // A panorama's edges are no edges.
+        // A panorama wraps around: its left and right edges are no limits.
         let slack = 1e-9 * size.x;
         ray.angle_between(DVec3::Z) <= reach
             && pixel.cmpge(DVec2::splat(-slack)).all()

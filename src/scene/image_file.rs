@@ -1,5 +1,6 @@
 //! Files of photos and masks, decoded to bytes.
 
+use std::collections::HashSet;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -92,10 +93,12 @@ pub(super) fn color_type(path: &Path) -> Option<ColorType> {
     Some(reader.into_decoder().ok()?.color_type())
 }
 
-/// The bytes of a mask: grey, or, where that is the same throughout, alpha; both if both differ. Masks of small numbers hide
-/// where they are 0; the others' largest number is white. Numbers are those of the file, of 8 or 16 bits.
+/// The bytes of a mask: grey, or, where that is the same throughout or a picture, alpha; else both together. Alpha that is the same
+/// throughout says nothing. Masks of small numbers, and those in colours, which name objects, hide where they are 0; the others'
+/// largest number is white. Numbers are those of the file, of 8 or 16 bits.
 pub(super) fn counting(mask: DynamicImage) -> Vec<u8> {
     let bytes_of_channel = mask.color().bytes_per_pixel() / mask.color().channel_count();
+    let labels = labels(&mask);
     let (pixels, white): (Vec<u16>, u16) = if bytes_of_channel == 1 {
         (mask.into_luma_alpha8().into_raw().into_iter().map(u16::from).collect(), 255)
     } else {
@@ -103,14 +106,55 @@ pub(super) fn counting(mask: DynamicImage) -> Vec<u8> {
     };
     let pixels = pixels.as_chunks::<2>().0;
     let share = |v: u16, alpha: u16, of: u16| (u32::from(v) * u32::from(alpha) / u32::from(of)) as u16;
-    let plain = pixels.iter().all(|[grey, _]| *grey == pixels[0][0]) && pixels.iter().any(|[_, alpha]| *alpha < white);
-    let shown = |[grey, alpha]: &[u16; 2]| if plain { *alpha } else { share(*grey, *alpha, white) };
+    let [plain, even] = [0, 1].map(|channel| pixels.iter().all(|pixel| pixel[channel] == pixels[0][channel]));
+    let is_picture = !even && {
+        let mut seen = vec![false; 1 << 16];
+        pixels.iter().filter(|[_, alpha]| *alpha > 0).for_each(|[grey, _]| seen[usize::from(*grey)] = true);
+        seen.into_iter().filter(|seen| *seen).count() > MOST_GREYS
+    };
+    if let Some(labels) = labels.filter(|_| !is_picture) {
+        let most = pixels.iter().map(|[_, alpha]| *alpha).max().unwrap_or(white);
+        let opaque = |alpha: u16| even || 2 * u32::from(alpha) > u32::from(most);
+        return labels.into_iter().zip(pixels).map(|(byte, [_, alpha])| byte * u8::from(opaque(*alpha))).collect();
+    }
+    let shown = |[grey, alpha]: &[u16; 2]| match even {
+        true => *grey,
+        false if plain || is_picture => *alpha,
+        false => share(*grey, *alpha, white),
+    };
     let shown: Vec<u16> = pixels.iter().map(shown).collect();
     let most = shown.iter().copied().max().unwrap_or(0);
     // A file of 16 bits may hold numbers of 8.
     let half = if most < 256 { 128 } else { 1 << 15 };
     let byte = |v: u16| if most < half { 255 * u8::from(v > 0) } else { share(v, 255, most) as u8 };
     shown.into_iter().map(byte).collect()
+}
+
+/// More greys than this are a picture's, and not a mask's.
+const MOST_GREYS: usize = 32;
+/// More colours than this are a picture's, or those of a scale, and no labels.
+const MOST_LABELS: usize = 64;
+/// Least difference of a pixel's colours, of 255, for it to be a colour and no grey that a JPEG has changed.
+const COLOURED: u8 = 64;
+/// Least colour, of 255, that is not black.
+const NOT_BLACK: u8 = 16;
+
+/// White where a mask in a few colours, black among them, is not black; none for other masks.
+fn labels(mask: &DynamicImage) -> Option<Vec<u8>> {
+    if !mask.color().has_color() {
+        return None;
+    }
+    let colours = mask.to_rgb8();
+    let mut kinds = HashSet::new();
+    // Stops at a picture, which has more than a few.
+    let few = colours.pixels().all(|pixel| !kinds.insert(pixel.0) || kinds.len() <= MOST_LABELS);
+    let ends = |pixel: &[u8; 3]| pixel.iter().fold((255, 0), |(low, high), v| (low.min(*v), high.max(*v)));
+    // Grey masks have some in colour, at most.
+    let is_coloured = |(low, high): (u8, u8)| high - low > COLOURED;
+    let coloured = 2 * kinds.iter().map(ends).filter(|ends| is_coloured(*ends)).count() + 1 >= kinds.len();
+    let black = kinds.iter().any(|pixel| ends(pixel).1 <= NOT_BLACK);
+    let shown = |pixel: &image::Rgb<u8>| 255 * u8::from(ends(&pixel.0).1 > NOT_BLACK);
+    (few && coloured && black).then(|| colours.pixels().map(shown).collect())
 }
 
 /// True for the masks of instant-ngp, dynamic_mask_x.png, which hide what is not black.

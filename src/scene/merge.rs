@@ -19,46 +19,59 @@ const OUTSIDE: f64 = 0.25;
 /// The points without duplicates, in their order. The first of several keeps its position and colour, and is seen by all views
 /// that see one of them. All points if few are duplicates.
 pub(super) fn merge_repeated(points: Vec<Point>) -> Vec<Point> {
-    let merged = merge(points.clone());
-    if (points.len() - merged.len()) as f64 > FEW * points.len() as f64 { merged } else { points }
-}
-
-fn merge(points: Vec<Point>) -> Vec<Point> {
-    if points.len() < 2 {
+    let firsts = firsts(&points);
+    let repeated = firsts.iter().enumerate().filter(|(i, first)| i != *first).count();
+    if repeated as f64 <= FEW * points.len() as f64 {
         return points;
     }
-    let near = distance(&points);
+    let mut merged: Vec<Point> = Vec::with_capacity(points.len() - repeated);
+    let mut number = vec![0; points.len()];
+    for (i, point) in points.into_iter().enumerate() {
+        if firsts[i] == i {
+            number[i] = merged.len();
+            merged.push(point);
+        } else {
+            merged[number[firsts[i]]].track.extend(point.track);
+        }
+    }
+    for point in &mut merged {
+        point.track.sort_unstable();
+        point.track.dedup();
+    }
+    merged
+}
+
+/// For each point, the index of the first point at its place.
+fn firsts(points: &[Point]) -> Vec<usize> {
+    if points.len() < 2 {
+        return (0..points.len()).collect();
+    }
+    let near = distance(points);
     let cell = |p: DVec3| (p / (CELL * near)).floor().to_array().map(|v| v as i64);
     // The points of a cell are a chain: its last one, and before each the one before.
     let mut last: FxHashMap<[i64; 3], usize> = FxHashMap::default();
-    let mut before: Vec<Option<usize>> = Vec::with_capacity(points.len());
-    let mut kept: Vec<Point> = Vec::with_capacity(points.len());
-    for point in points {
+    let mut before: Vec<Option<usize>> = vec![None; points.len()];
+    let mut firsts = Vec::with_capacity(points.len());
+    for (number, point) in points.iter().enumerate() {
         let (low, high) = (cell(point.position - near), cell(point.position + near));
         let same = (low[0]..=high[0])
             .flat_map(|x| (low[1]..=high[1]).flat_map(move |y| (low[2]..=high[2]).map(move |z| [x, y, z])))
             .find_map(|place| {
                 let mut at = last.get(&place).copied();
                 while let Some(i) = at {
-                    if kept[i].position.distance(point.position) <= near {
+                    if points[i].position.distance(point.position) <= near {
                         break;
                     }
                     at = before[i];
                 }
                 at
             });
-        if let Some(first) = same {
-            kept[first].track.extend(point.track);
-        } else {
-            before.push(last.insert(cell(point.position), kept.len()));
-            kept.push(point);
+        if same.is_none() {
+            before[number] = last.insert(cell(point.position), number);
         }
+        firsts.push(same.unwrap_or(number));
     }
-    for point in &mut kept {
-        point.track.sort_unstable();
-        point.track.dedup();
-    }
-    kept
+    firsts
 }
 
 /// The distance at which points are one: a share of the mean gap if they lay on a surface as large as the cloud, and at

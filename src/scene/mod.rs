@@ -162,21 +162,22 @@ impl Scene {
     /// # Errors
     /// [`Error::NoPhotos`] where no view is left.
     pub fn require_photos(&mut self) -> Result<(), Error> {
+        let reasons: Vec<Option<String>> = self.views.iter().map(|view| unusable(view, &mut self.skipped)).collect();
+        self.keep_sound(&reasons)
+    }
+
+    /// True if [`Scene::require_photos`] leaves a view.
+    pub fn has_photos(&self) -> bool {
+        self.views.iter().any(|view| unusable(view, &mut Skipped::default()).is_none())
+    }
+
+    /// Drops the views for which there is a reason.
+    fn keep_sound(&mut self, reasons: &[Option<String>]) -> Result<(), Error> {
         let listed = self.views.len();
-        let mut first = None;
-        let mut keep = Vec::with_capacity(listed);
-        for view in &self.views {
-            let reason = unusable(view, &mut self.skipped);
-            keep.push(reason.is_none());
-            first = first.or(reason);
-        }
-        self.retain_views(&keep);
+        self.retain_views(&reasons.iter().map(Option::is_none).collect::<Vec<_>>());
         if self.views.is_empty() {
-            return Err(Error::NoPhotos {
-                root: self.root.clone(),
-                listed,
-                what: first.unwrap_or_else(|| "no view is listed".to_owned()),
-            });
+            let what = reasons.iter().flatten().next().map_or("no view is listed", |reason| reason).to_owned();
+            return Err(Error::NoPhotos { root: self.root.clone(), listed, what });
         }
         Ok(())
     }
@@ -192,31 +193,12 @@ impl Scene {
         progress: &(dyn Fn(usize) + Sync),
     ) -> Result<Vec<Photo>, Error> {
         let views: Vec<&View> = self.views.iter().collect();
-        let LoadedPhotos { photos, notes, without_mask } = load_photos(&views, options, progress)?;
-        for at in without_mask {
-            self.skipped.damaged_masks.add_photo(&self.views[at]);
-        }
-        self.skipped.notes.extend(notes);
-        let listed = self.views.len();
-        let mut loaded = Vec::with_capacity(listed);
-        let mut keep = Vec::with_capacity(listed);
-        let mut first = None;
-        for (photo, view) in photos.into_iter().zip(&self.views) {
-            keep.push(photo.is_ok());
-            match photo {
-                Ok(photo) => loaded.push(photo),
-                Err(error) => {
-                    self.skipped.add_failed(view, &error);
-                    first.get_or_insert(error.to_string());
-                }
-            }
-        }
-        self.retain_views(&keep);
-        if loaded.is_empty() {
-            let what = first.unwrap_or_else(|| "no view is listed".to_owned());
-            return Err(Error::NoPhotos { root: self.root.clone(), listed, what });
-        }
-        Ok(loaded)
+        let loaded = load_photos(&views, options, progress)?;
+        self.skipped.add_loaded(&loaded, &views);
+        let reasons: Vec<Option<String>> =
+            loaded.photos.iter().map(|photo| photo.as_ref().err().map(Error::to_string)).collect();
+        self.keep_sound(&reasons)?;
+        Ok(loaded.photos.into_iter().flatten().collect())
     }
 
     /// True if any view has a mask.

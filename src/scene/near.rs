@@ -12,16 +12,16 @@ const USUAL: f64 = 2.5;
 /// Number of views for the depths of points without a track.
 const LOOKS: usize = 20;
 
-/// The near plane in world units, in proportion to the scene's size; 3DGS's for scenes of usual or unknown size.
-pub(super) fn near(views: &[View], points: &[Point]) -> f32 {
-    let own = size(views, points) / USUAL_DISTANCE;
+/// The near plane in world units, in proportion to the scene's [`size`]; 3DGS's for scenes of usual or unknown size.
+pub(super) fn near(size: f64) -> f32 {
+    let own = size / USUAL_DISTANCE;
     let usual = f64::from(NEAR);
     if own == 0.0 || (usual / USUAL..=usual * USUAL).contains(&own) { NEAR } else { own as f32 }
 }
 
 impl Scene {
-    /// Counts lengths in a unit that makes the scene one of usual size: a power of ten of its own, so that captures that differ by
-    /// such a factor become the same numbers; its own unit if it has usual size. Returns that unit in units of before.
+    /// Rescales a scene of unusual size by a power of ten, so that captures in other units become the same numbers. Returns the new
+    /// unit in old units; 1 if nothing changes.
     pub fn use_usual_unit(&mut self) -> f64 {
         let ratio = f64::from(self.near) / f64::from(NEAR);
         if (1.0 / USUAL..=USUAL).contains(&ratio) {

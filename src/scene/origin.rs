@@ -31,10 +31,10 @@ pub fn near(centre: DVec3, size: f64) -> DVec3 {
 }
 
 impl Scene {
-    /// Moves coordinates to a local origin if the world's is far away, and records it.
-    pub(super) fn move_near(mut self) -> Self {
+    /// Moves coordinates to a local origin if the world's is far away, and records it. `size` is [`super::near::size`].
+    pub(super) fn move_near(mut self, size: f64) -> Self {
         let cameras = || self.views.iter().map(|view| &view.camera);
-        let size = (camera::extent(cameras()) / 1.1).max(super::near::size(&self.views, &self.points));
+        let size = (camera::extent(cameras()) / 1.1).max(size);
         let origin = near(camera::mean_centre(cameras()), size);
         if origin == DVec3::ZERO {
             return self;

@@ -26,6 +26,11 @@ impl AlphaRole {
         photos.into_iter().map(|photo| photo.alpha_role).max().unwrap_or_default()
     }
 
+    /// The background that such photos are usually trained and scored on: white with alpha, as Blender's scenes are, else black.
+    pub fn usual_background(self) -> [f32; 3] {
+        if self == Self::Alpha { [1.0; 3] } else { [0.0; 3] }
+    }
+
     /// True if this byte can let the background show through: as opacity, or where a mask hides the photo.
     pub fn shows_background(self) -> bool {
         self != Self::Opaque

@@ -1,6 +1,6 @@
 //! Unusable parts of a scene, counted, with a few of their names.
 
-use super::{Error, View};
+use super::{Error, LoadedPhotos, View};
 use crate::wording::counted;
 use std::fmt;
 
@@ -85,8 +85,21 @@ pub struct Skipped {
 }
 
 impl Skipped {
-    /// Counts a view whose photo cannot be loaded, for this cause; the first cause is told.
-    pub(crate) fn add_failed(&mut self, view: &View, error: &Error) {
+    /// Counts the views whose photo or mask could not be loaded, and adds the notes on those that were.
+    pub(crate) fn add_loaded(&mut self, loaded: &LoadedPhotos, views: &[&View]) {
+        for at in &loaded.without_mask {
+            self.damaged_masks.add_photo(views[*at]);
+        }
+        self.notes.extend(loaded.notes.iter().cloned());
+        for (photo, view) in loaded.photos.iter().zip(views) {
+            if let Err(error) = photo {
+                self.add_failed(view, error);
+            }
+        }
+    }
+
+    /// Counts a view whose photo cannot be loaded, for this cause; the first cause is reported.
+    fn add_failed(&mut self, view: &View, error: &Error) {
         let is_unread = matches!(error, Error::Unread { .. });
         let names = if is_unread { &mut self.unread_images } else { &mut self.damaged_images };
         self.notes.extend((names.count == 0).then(|| error.to_string()));

@@ -1,6 +1,7 @@
 //! One view of a capture: its photo's file, the lens that took it, and the ideal camera that the engine renders.
 
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -38,6 +39,20 @@ pub enum Resize {
     Width(u32),
     /// Width and height divided by this and rounded to nearest, at least one pixel.
     Divide(u32),
+}
+
+impl FromStr for Resize {
+    type Err = String;
+
+    /// Reads a width such as `800`, or a divisor such as `/4`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |t: &str| t.parse::<u32>().ok().filter(|n| *n > 0);
+        let read = match text.strip_prefix('/') {
+            Some(k) => number(k).map(Self::Divide),
+            None => number(text).map(Self::Width),
+        };
+        read.ok_or_else(|| format!("'{text}' is neither a width in pixels, such as 800, nor a divisor, such as /4"))
+    }
 }
 
 impl Resize {
@@ -162,19 +177,6 @@ impl View {
     /// True if the photo is resampled to one ideal pinhole rather than used as it is or cut into faces.
     pub fn undistorts(&self) -> bool {
         self.undistorts
-    }
-
-    /// Switches undistortion on or off and sets [`View::camera`] accordingly. Faces of photos stay as they are.
-    ///
-    /// # Errors
-    /// [`Error::Photo`] if the distortion leaves no rectangle of the photo whole.
-    pub fn set_undistort(&mut self, on: bool) -> Result<(), Error> {
-        if self.face.is_some() {
-            return Ok(());
-        }
-        let ideal = if on { Some(self.lens.ideal().ok_or_else(|| Error::photo(&self.image, FOLDED))?) } else { None };
-        self.put(ideal);
-        Ok(())
     }
 
     fn put(&mut self, ideal: Option<Pinhole>) {

@@ -34,7 +34,7 @@ function looking(forward, up) {
   return [[0, 1 + x[0], x[1], x[2]], [0, y[0], 1 + y[1], y[2]], [0, z[0], z[1], 1 + z[2]]].map(unit)[axis];
 }
 
-/** A camera between which and the poles of an orbit this angle remains, in radians. */
+/** Smallest angle between the view direction and the poles of an orbit, in radians. */
 const POLE = 0.02;
 
 export class Camera {

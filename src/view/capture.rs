@@ -71,9 +71,7 @@ pub fn model(scene: &Scene, test: &[usize], marked: &[&str]) -> Gaussians {
 /// The camera's centre, and the corners of its picture at a depth, in world units.
 fn pyramid(camera: &Camera, depth: f64) -> [DVec3; 5] {
     let (w, h) = (f64::from(camera.width), f64::from(camera.height));
-    let corner = |x: f64, y: f64| {
-        let ray = ((DVec2::new(x, y) - camera.principal) / camera.focal * depth).extend(depth);
-        camera.rotation.transpose() * (ray - camera.translation)
-    };
+    let corner =
+        |x: f64, y: f64| camera.rotation.transpose() * (camera.ray(DVec2::new(x, y)) * depth - camera.translation);
     [camera.centre(), corner(0.0, 0.0), corner(w, 0.0), corner(w, h), corner(0.0, h)]
 }

@@ -12,6 +12,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
 use crate::gpu::Device;
 use crate::job::diagnostics::Diagnostics;
+use crate::job::run_log::LogLine;
 use crate::job::{Error, Watcher};
 use crate::train::{Progress, Trainer};
 use serde_json::json;
@@ -140,8 +141,20 @@ impl<'a> Live<'a> {
 }
 
 impl Watcher for Live<'_> {
+    fn posing(&self, stage: &'static str, done: usize, total: usize) {
+        self.beside.posing(stage, done, total);
+    }
+
     fn loading(&self, done: usize, total: usize) {
         self.beside.loading(done, total);
+    }
+
+    fn logged(&self, line: &LogLine) {
+        self.beside.logged(line);
+    }
+
+    fn trying(&self, done: usize, total: usize) {
+        self.beside.trying(done, total);
     }
 
     fn training(&self, progress: &Progress, until: u32) {

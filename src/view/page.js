@@ -21,7 +21,7 @@ globalThis.viewer = state;
 
 const say = (text) => { $("message").textContent = text; };
 
-// --- Wishes ---------------------------------------------------------------------------------------------------------------
+// --- Requests -------------------------------------------------------------------------------------------------------------
 
 /** Width and height to ask for: the stage's shape, no wider than chosen. */
 function size() {

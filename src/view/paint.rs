@@ -43,8 +43,7 @@ pub fn of_degree(device: &Device, model: &Resident, degree: usize) -> Result<Res
 
 /// Depth of each Gaussian as a share of a scale, as 3 equal numbers, and the scale's ends in world units.
 pub fn depths(means: &[[f32; 3]], camera: &Camera) -> (Vec<f32>, [f64; 2]) {
-    let (forward, origin) = (camera.rotation.row(2), camera.centre());
-    let depth = |m: &[f32; 3]| (DVec3::from_array(m.map(f64::from)) - origin).dot(forward);
+    let depth = |m: &[f32; 3]| camera.depth(DVec3::from_array(m.map(f64::from)));
     let mut sample: Vec<f64> =
         means.iter().step_by(means.len().div_ceil(SAMPLES).max(1)).map(depth).filter(|z| *z > 0.0).collect();
     sample.sort_by(f64::total_cmp);

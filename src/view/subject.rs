@@ -9,7 +9,7 @@ use crate::pipeline::render::near_at;
 use crate::render::Style;
 use crate::scene::camera::Camera;
 use crate::scene::orbit::{Look, Outline};
-use crate::scene::{AlphaRole, LoadOptions, Photo, Resize, Scene, Split, load_photos};
+use crate::scene::{AlphaRole, LoadOptions, Photo, Resize, Scene, Split, load_photos, median};
 use glam::{DQuat, DVec3};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
@@ -87,11 +87,6 @@ impl Capture {
         loaded.photos.remove(0).map_err(Error::Scene)
     }
 
-    /// The usual background of the photos: white if they have alpha, as in Blender's scenes, otherwise black.
-    pub fn background(&self) -> [f32; 3] {
-        if self.alpha_role == AlphaRole::Alpha { [1.0; 3] } else { [0.0; 3] }
-    }
-
     /// Photo `n` as JPEG, over a background.
     pub fn photo_jpeg(&self, n: usize, background: [f32; 3]) -> Result<Vec<u8>, Error> {
         let photo = self.photo(n)?;
@@ -123,7 +118,7 @@ pub(super) fn jpeg(
 }
 
 /// Position, rotation (camera to world; w, x, y, z) and vertical field of view of a camera.
-fn pose(camera: &Camera) -> Value {
+pub(super) fn pose(camera: &Camera) -> Value {
     let q = DQuat::from_mat3(&camera.rotation.transpose());
     let fov = 2.0 * (0.5 * f64::from(camera.height) / camera.focal.y).atan();
     json!({ "position": camera.centre().to_array(), "rotation": [q.w, q.x, q.y, q.z], "fov": fov })
@@ -194,11 +189,8 @@ impl Subject {
 /// The point about which a first camera turns: on its axis, at the distance of the other cameras' mean centre or of the
 /// points.
 fn sight(camera: &Camera, centre: DVec3, scene: &Scene) -> DVec3 {
-    let forward = camera.rotation.row(2);
-    let mut depths: Vec<f64> =
-        scene.points.iter().map(|p| (p.position - camera.centre()).dot(forward)).filter(|z| *z > 0.0).collect();
-    depths.sort_by(f64::total_cmp);
-    let around = (centre - camera.centre()).dot(forward);
-    let depth = depths.get(depths.len() / 2).copied().unwrap_or(if around > 0.0 { around } else { 1.0 });
-    camera.centre() + forward * depth
+    let mut depths: Vec<f64> = scene.points.iter().map(|p| camera.depth(p.position)).filter(|z| *z > 0.0).collect();
+    let around = camera.depth(centre);
+    let depth = median(&mut depths).unwrap_or(if around > 0.0 { around } else { 1.0 });
+    camera.centre() + camera.rotation.row(2) * depth
 }

@@ -3,7 +3,7 @@
 
 use super::train::runs::{self, bits, train, trainer};
 use crate::support::{finish, opened, options};
-use qirf_vk::gpu::{Claim, Descriptors, Device, DeviceOptions, Error, Limits};
+use qirf_vk::gpu::{Claim, Descriptors, Device, DeviceClass, DeviceOptions, Error, Limits, TuningChoice};
 use std::time::Duration;
 
 fn limited(limits: Limits) -> DeviceOptions {
@@ -101,4 +101,19 @@ fn the_width_of_subgroups_is_probed() {
     let device = Device::open(&claiming(width * 2, false)).unwrap();
     assert_eq!((device.info().subgroup_size, device.tuning().subgroup), (width, width));
     assert!(trained(3, &options()) == trained(3, &claiming(width * 2, false)));
+}
+
+#[test]
+fn a_tuning_is_that_of_the_class_asked_for() {
+    for (class, tile) in [(DeviceClass::Cpu, 8), (DeviceClass::Gpu, 16)] {
+        let device = opened(|options| options.tuning = Some(TuningChoice::class(class)));
+        assert_eq!((device.tuning().class, device.tuning().tile), (class, tile));
+        finish(&device);
+    }
+    // Numbers that no device has are refused, not multiplied.
+    for field in ["tile", "loss_tile", "backward_batch"] {
+        let choice = format!("cpu,{field}=4000000000").parse().unwrap();
+        let error = Device::open(&DeviceOptions { tuning: Some(choice), ..options() }).err().expect("a refusal");
+        assert!(error.to_string().contains(&format!("{field} must be")), "{error}");
+    }
 }

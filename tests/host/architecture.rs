@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// Rooms of `src` by floor, the lowest first. A room imports from lower floors only.
 const FLOORS: &[&[&str]] = &[
-    &["checksum", "ply", "random", "solve", "wording"],
+    &["checksum", "extension", "ply", "random", "solve", "wording"],
     &["scene"],
     &["gpu"],
     &["kernels"], // generated from glsl/

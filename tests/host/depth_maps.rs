@@ -329,3 +329,31 @@ fn backgrounds_are_no_depths() {
     steps.write_to(&mut png, image::ImageFormat::Png).unwrap();
     assert_eq!(depth_maps::read::of_bytes(png.get_ref(), None).unwrap().depths, [1.5, 0.0]);
 }
+
+/// The points of a scanner have no neighbours, which is no edge; the rim of a surface is one.
+#[test]
+fn single_depths_count_where_there_are_no_surfaces() {
+    let map = |depth: &dyn Fn(u32, u32) -> f32| {
+        let mut file = std::io::Cursor::new(Vec::new());
+        let depths: Vec<f32> = (0..48 * 64).map(|n| depth(n % 64, n / 64)).collect();
+        let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
+        encoder.write_image::<tiff::encoder::colortype::Gray32Float>(64, 48, &depths).unwrap();
+        depth_maps::read::of_bytes(file.get_ref(), None).unwrap()
+    };
+    let counted = |map: &depth_maps::read::Map| {
+        (0..48).flat_map(|y| (0..64).map(move |x| (x, y))).filter(|(x, y)| map.at(*x, *y).is_some()).count()
+    };
+    let scanner = map(&|x, y| if x % 4 == 0 && y % 4 == 0 { 3.5 } else { 0.0 });
+    assert_eq!((counted(&scanner), scanner.at(4, 8)), (16 * 12, Some(3.5)));
+    let surface = map(&|x, y| if (8..40).contains(&x) && (8..40).contains(&y) { 2.0 } else { 0.0 });
+    assert_eq!(counted(&surface), 30 * 30);
+}
+
+/// The largest number of a kind says that nothing was hit, and no other of more bits.
+#[test]
+fn whole_numbers_beyond_sixteen_bits_are_depths() {
+    let text = format!("{:117}\n", "{'descr': '<u4', 'fortran_order': False, 'shape': (1, 3), }");
+    let bytes = [100_000_u32, 200_000, u32::MAX].map(u32::to_le_bytes);
+    let file = [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), bytes.as_flattened()].concat();
+    assert_eq!(depth_maps::read::of_bytes(&file, Some(1e-5)).unwrap().depths, [1.0, 2.0, 0.0]);
+}

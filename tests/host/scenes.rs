@@ -12,6 +12,7 @@ mod places;
 mod shared;
 mod traps;
 mod units;
+mod variants;
 mod wide;
 
 use std::fs;
@@ -253,10 +254,10 @@ fn photos_load_at_the_size_of_their_camera() {
             }
         }
     }
-    let mut plain = view.clone();
-    plain.set_undistort(false).unwrap();
+    let plain = OpenOptions { undistort: Some(false), ..OpenOptions::default() };
+    let plain = &Scene::open(scene.path(), &plain).unwrap().views[0];
     assert_eq!(plain.camera.focal, DVec2::splat(50.0));
-    let [plain, ideal] = [&plain, view].map(|v| v.load_photo(Resize::Full).unwrap());
+    let [plain, ideal] = [plain, view].map(|v| v.load_photo(Resize::Full).unwrap());
     assert_ne!(plain.pixels.read().unwrap(), ideal.pixels.read().unwrap());
 }
 
@@ -308,8 +309,8 @@ fn bad_records_are_refused_or_counted() {
         (changed(|m| m.images[2].3 = 999), "refers to camera 999", "image 102"),
         (changed(|m| m.images[4].4 = m.images[2].4.clone()), "listed twice", "view97.jpg"),
         (changed(|m| m.cameras[1].0 = 7), "camera 7 is listed twice", "cameras"),
-        (changed(|m| m.cameras[1].2 = 0), "image size 0 x 480", "cameras"),
-        (changed(|m| m.cameras[1].4[0] = f64::NAN), "focal lengths NaN", "cameras"),
+        (changed(|m| m.cameras.iter_mut().for_each(|c| c.2 = 0)), "image size 0 x 480", "cameras"),
+        (changed(|m| m.cameras.iter_mut().for_each(|c| c.4[0] = f64::NAN)), "focal lengths NaN", "cameras"),
         (changed(|m| m.images.clear()), "no usable view", "images"),
     ];
     for ((a, b), what, place) in refused {

@@ -232,7 +232,7 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
     assert_eq!(html.select(".stack").len(), 4);
     assert_eq!(html.select(".stack img").len(), 15);
     assert_eq!(html.texts("button[data-side=left]"), ["ground truth", "dense", "compressed", "error"]);
-    assert_eq!(html.select("svg").len(), 2 + 2 + 5 + 2);
+    assert_eq!(html.select("svg[role=img]").len(), 2 + 2 + 5 + 2);
     assert_eq!(html.select("svg line.event").len(), 2, "the prune, in time and by iterations");
     let tiles = html.texts(".tile");
     assert!(tiles.iter().any(|t| t.contains("1,400") && t.contains("5,000") && t.contains("72.0 %")), "{tiles:?}");
@@ -321,7 +321,7 @@ fn plots_are_sound_on_their_own() {
     let body = page::side_by_side(&[lines.draw(), scatter.draw(), columns.draw(), bars]);
     let html = sound(&page::page(EVIL, EVIL, &[page::Section::new("plots", "Plots", body)]));
     assert_eq!(html.texts("h1"), [EVIL]);
-    assert_eq!((html.select("svg").len(), html.select(".legend").len()), (4, 2));
+    assert_eq!((html.select("svg[role=img]").len(), html.select(".legend").len()), (4, 2));
 }
 
 /// Opens a report in a browser: it complains of nothing, asks for nothing else, and its sliders move.

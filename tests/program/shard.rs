@@ -237,7 +237,7 @@ fn work_is_verified_by_doing_it_again() {
     stage.plan("v");
     stage.works(&["shard", "all", "v"]);
     let told = stage.works(&["shard", "verify", "v", "--share", "1"]).out;
-    assert!(told.contains("5 of 5 tasks gave the same bytes"), "{told}");
+    assert!(told.contains("5 tasks of 5 done again: the same bytes"), "{told}");
 
     let path = stage.path("v/score/0000.json");
     let mut sealed: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();

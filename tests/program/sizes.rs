@@ -111,7 +111,7 @@ fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
     let reached = made["aim"]["chosen"]["psnr"].as_f64().unwrap();
     assert!((28.0..28.5).contains(&reached), "{}", made["aim"]);
     let whole = ["--views", "16", "--size", "64x64", "--size", "1GB"];
-    compressed(&model, &out, &whole).with(0, &["of at most 1000000000 bytes"]);
+    compressed(&model, &out, &whole).with(0, &["no larger file, up to 1000.0 MB, is better"]);
     assert_eq!(formats::read(&out).unwrap().gaussians.len(), SITES * CLONES);
     std::fs::remove_file(&out).unwrap();
     let refused = |code: i32, words: &str, more: &[&str]| {
@@ -172,7 +172,7 @@ fn a_format_that_ruins_a_model_is_named_and_a_report_lists_the_search() {
     let model = saved(folder.path(), &ball());
     let more = ["--size", "1GB", "--json", "--report", page.to_str().unwrap()];
     let said = compressed(&model, &folder.path().join("a.sog"), &[&views, &more[..]].concat()).with(0, &[]).said;
-    assert!(said.contains("of at most 1000000000 bytes"), "{said}");
+    assert!(said.contains("no larger file, up to 1000.0 MB, is better"), "{said}");
     let html = parse(&std::fs::read_to_string(&page).unwrap()).unwrap();
     assert!(!html.select("#search tbody tr").is_empty());
     // A format whose header alone exceeds the sizes.

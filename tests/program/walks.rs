@@ -79,7 +79,7 @@ fn walks_that_make_no_sense_are_refused() {
     fails(2, &["--orbit", "3", "-o", "walk.mp4"], &["a film needs --path"]);
     fails(2, &["--path", "orbit", "--format", "npy", "-o", "walk.mp4"], &["film"]);
     fails(2, &["--path", "orbit", "--fps", "0", "-o", "walk.mp4"], &["frames per second"]);
-    fails(2, &["--panorama", "-o", "around.jpg"], &["around.jpg", ".png or .npy"]);
+    fails(2, &["--panorama", "-o", "around.jpg"], &["around.jpg", ".png or, without --transparent, as .npy"]);
     fails(2, &["--panorama", "--at", "1,2", "-o", "around.png"], &["x,y,z"]);
     fails(2, &["--panorama", "--size", "20000x10000", "-o", "around.png"], &["16384"]);
     fails(2, &["--frames", "3", "--orbit", "3", "-o", "o"], &["--path"]);

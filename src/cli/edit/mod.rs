@@ -8,8 +8,7 @@ use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style::Rendering;
 use super::{Global, check_file, check_model, values};
-use crate::edit::{Edit, Editor, Step, common_origin, merge, numbers, rounding};
-use crate::effects::Overrides;
+use crate::edit::{Edit, Editor, MANY_FLOATERS, Step, common_origin, merge, numbers, rounding};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, RenderMode};
 use crate::job::output::bytes_on_disk;
@@ -19,12 +18,11 @@ use crate::metrics::Networks;
 use crate::pipeline::floaters;
 use crate::pipeline::place::seen;
 use crate::pipeline::virtual_views::VirtualCameras;
-use crate::scene::{EVAL_EVERY, OpenOptions};
+use crate::scene::OpenOptions;
 use crate::wording::counted;
 use glam::DVec3;
 use operations::{Asked, Operation, Operations};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -36,9 +34,6 @@ const EXAMPLES: &str = "Examples:
   qirf-vk edit model.ply --max-size 0.5 --count-only
 
 Operations apply in the order of the command line, to all models as one. View-dependent colours rotate with the model.";
-
-/// Share of a model above which floaters by photos are surprising: of trained models they were 1.2 % at most.
-const MANY: f64 = 0.05;
 
 /// Crop, move, rotate, clean and merge models.
 #[derive(Debug, clap::Args)]
@@ -152,6 +147,10 @@ impl Arguments {
                 "--scene is for --remove floaters; to crop by cameras, use --crop-views".to_owned(),
             ));
         }
+        if self.rendering.is_of_pictures() && !has(|what| matches!(what, Operation::Floaters)) {
+            let what = "--dilation and --depth-order are for the pictures of --remove floaters";
+            return Err(Error::Usage(what.to_owned()));
+        }
         if self.least_views.is_some() && !has(|what| matches!(what, Operation::Views { .. })) {
             return Err(Error::Usage("--least-views needs --crop-views".to_owned()));
         }
@@ -190,24 +189,15 @@ impl Arguments {
         let (model, style) = (editor.model(), self.rendering.of(mode));
         let found = match &self.scene {
             Some(scene) => {
-                let selection = Selection {
-                    scene: scene.clone(),
-                    images: self.images.clone(),
-                    resolution: self.resolution.clone(),
-                    pole_mask: 0.0,
-                    depth: None,
-                    eval_every: EVAL_EVERY,
-                    background: None,
-                    effects: Overrides::default(),
-                    contents: BTreeMap::new(),
-                };
+                let (images, resolution) = (self.images.clone(), self.resolution.clone());
+                let selection = Selection { images, resolution, ..Selection::of(scene.clone()) };
                 floaters::by_photos(&session, (model, origin), &selection, style)?
             }
             None => floaters::by_own_pictures(&session, model, &VirtualCameras::default(), style)?,
         };
         let counts = FloaterCounts::of(&found);
         let removed = found.iter().flatten().count();
-        if removed as f64 > MANY * found.len() as f64 && self.scene.is_some() {
+        if removed as f64 > MANY_FLOATERS * found.len() as f64 && self.scene.is_some() {
             console.warn(format_args!(
                 "{removed} of {} are floaters by these photos, far more than usual: does the model lie where the photos were taken, and \
                  was it trained on pictures of this size (--resolution)?",

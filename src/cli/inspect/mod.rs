@@ -5,6 +5,7 @@ mod scene;
 
 use super::console::Console;
 use super::values;
+use crate::extension::has_extension;
 use crate::gaussians::{
     self,
     formats::{self, Loaded},
@@ -45,10 +46,7 @@ pub(super) struct Arguments {
 /// Reads the name of a web page, which no model and no photo has.
 fn page(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
-    match path.extension() {
-        Some(extension) if extension.eq_ignore_ascii_case("html") => Ok(path),
-        _ => Err("the name of a page ends in .html".to_owned()),
-    }
+    if has_extension(&path, &["html"]) { Ok(path) } else { Err("the name of a page ends in .html".to_owned()) }
 }
 
 impl Arguments {
@@ -85,10 +83,9 @@ impl Arguments {
     }
 }
 
-/// Returns true for folders and JSON files, except for those of a SOG model.
+/// Returns true for folders and the files of captures, except for those of a SOG model.
 pub(super) fn is_scene(path: &Path) -> bool {
-    let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-    (json || path.is_dir()) && formats::sog_meta(path).is_none()
+    (has_extension(path, &["json", "txt", "bin"]) || path.is_dir()) && formats::sog_meta(path).is_none()
 }
 
 /// Returns true for the folder of a run.

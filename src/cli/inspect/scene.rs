@@ -4,7 +4,7 @@ use crate::gaussians::formats;
 use crate::job::Error;
 use crate::pipeline::effects;
 use crate::pipeline::prepare::refuse_photo_folders;
-use crate::scene::{EVAL_EVERY, OpenOptions, Scene, Split, View, rigs};
+use crate::scene::{EVAL_EVERY, OpenOptions, Scene, View, rigs};
 use crate::view::alone::{self, PageOptions};
 use crate::view::capture;
 use crate::wording::counted;
@@ -83,10 +83,10 @@ impl Doubts {
 }
 
 /// A page with the scene's points and cameras: training cameras are blue, held-out cameras orange, suspect ones red.
-fn page(scene: &Scene, split: &Split, doubts: &Doubts, file: &Path) -> Result<(), Error> {
+fn page(scene: &Scene, test: &[usize], doubts: &Doubts, file: &Path) -> Result<(), Error> {
     let marked: Vec<&str> =
         doubts.misfits.iter().map(|(name, _)| name).chain(&doubts.apart).map(String::as_str).collect();
-    let model = capture::model(scene, &split.test, &marked);
+    let model = capture::model(scene, test, &marked);
     let title = scene.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let options = PageOptions { title, ..PageOptions::default() };
     let page = alone::page(&model, &options, file).map_err(Error::writing)?;
@@ -104,12 +104,20 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
     }
     let rigs = scene.source.parent().map_or(Ok(Vec::new()), rigs)?;
     let alpha = scene.views.par_iter().filter(|v| v.announces_alpha()).count();
-    let split = scene.split(EVAL_EVERY);
+    // As a run holds photos out, which then are all there.
+    let mut present = scene.clone();
+    if present.has_photos() {
+        present.require_photos()?;
+    }
+    let held = present.split(EVAL_EVERY);
+    let held_out: BTreeSet<&str> = held.test.iter().map(|i| present.views[*i].name.as_str()).collect();
+    let test: Vec<usize> =
+        (0..scene.views.len()).filter(|i| held_out.contains(scene.views[*i].name.as_str())).collect();
     let errors: Vec<f32> = scene.points.iter().map(|p| p.error).filter(|e| *e > 0.0).collect();
     let doubts = Doubts::of(&scene);
     if let Some(file) = html {
         refuse_photo_folders(&scene, [file.to_owned()].iter())?;
-        page(&scene, &split, &doubts, file)?;
+        page(&scene, &test, &doubts, file)?;
     }
     let (decisions, skipped) = effects::of_scene(&scene)?;
     let photos: BTreeSet<&str> = scene.views.iter().map(View::photo_name).collect();
@@ -134,11 +142,11 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "misfits": doubts.misfits.iter().map(|(photo, px)| json!({ "photo": photo, "px": px })).collect::<Vec<_>>(),
         "photo_groups": doubts.groups,
         "apart": doubts.apart,
-        "extent": scene.extent(&split.train),
+        "extent": present.extent(&held.train),
         "near_plane": scene.near,
         "origin": scene.origin.to_array(),
-        "train_views": split.train.len(),
-        "test_views": split.test.len(),
+        "train_views": held.train.len(),
+        "test_views": held.test.len(),
         "skipped": skipped.summary(),
         "advice": doubts.advice().into_iter().chain(scene.lacks_points()).collect::<Vec<_>>(),
         "effects": decisions,

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Error, MARK, Written, write_atomically};
+use super::write::Written;
+use super::{Error, MARK, write_atomically};
 
 /// Its name.
 const FILE: &str = "georeference.json";

@@ -1,6 +1,7 @@
 //! Precision of stored models: each format's list of settings, from the fewest bytes to the least loss.
 
 use super::{Gaussians, spz};
+use crate::extension::extension;
 use serde::Serialize;
 use std::path::Path;
 
@@ -168,7 +169,7 @@ impl Ladder {
 
 /// The settings of the format that a file's name asks for. `degree` is that of the model's SH.
 pub fn ladder(path: &Path, degree: usize) -> Ladder {
-    match super::extension(path).as_str() {
+    match extension(path).as_str() {
         "sog" => {
             let between = |k: usize| {
                 let (step, share) = (k / A_STEP, (k % A_STEP) as f64 / A_STEP as f64);

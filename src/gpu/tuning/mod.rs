@@ -192,7 +192,7 @@ impl Tuning {
     /// Bytes of shared memory of the backward pass: sums per splat and subgroup, splats, slots and takers.
     fn backward_bytes(&self) -> u32 {
         let subgroups = self.backward_workgroup / self.subgroup;
-        self.backward_batch * (subgroups * 4 * 12 + 40 + 8) + 4 * subgroups
+        self.backward_batch.saturating_mul(subgroups * 4 * 12 + 40 + 8).saturating_add(4 * subgroups)
     }
 
     /// Reports the first field that does not fit a device, and why.
@@ -204,8 +204,8 @@ impl Tuning {
         let need = |holds: bool, field: &str, what: &str| {
             if holds { Ok(()) } else { Err(format!("{field} must be {what} on {}", info.name)) }
         };
-        let pixels = self.tile * self.tile;
         need([8, 16].contains(&self.tile), "tile", "8 or 16")?;
+        let pixels = self.tile * self.tile;
         need(pixels.is_multiple_of(subgroup), "tile", "a square of whole subgroups")?;
         let workgroups = [
             ("rasterise_workgroup", self.rasterise_workgroup),
@@ -242,7 +242,7 @@ impl Tuning {
             need(self.sort_workgroup == subgroup, "sort_workgroup", "one subgroup where a sort is serial")?;
         }
         need((1..=64).contains(&self.adam_block), "adam_block", "from 1 to 64")?;
-        let loss = self.loss_tile * self.loss_tile <= info.max_workgroup && [0, 8, 16].contains(&self.loss_tile);
+        let loss = [0, 8, 16].contains(&self.loss_tile) && self.loss_tile * self.loss_tile <= info.max_workgroup;
         need(loss, "loss_tile", "0, 8 or 16, its square no more than a workgroup")?;
         let whole = (self.loss_tile * self.loss_tile).is_multiple_of(subgroup);
         need(whole, "loss_tile", "the side of a square of whole subgroups")?;

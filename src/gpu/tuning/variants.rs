@@ -19,7 +19,7 @@ pub fn variants(info: &DeviceInfo) -> Vec<Variant> {
     let others = if own.rasterise_batch == 0 { alone(&own) } else { together(&own) };
     let others = others.into_iter().filter(|(_, tuning)| *tuning != own && tuning.check(info).is_ok());
     let named = |(name, tuning): (&str, Tuning)| Variant { name: name.to_owned(), tuning };
-    std::iter::once(("the class's row", own.clone())).chain(others).map(named).collect()
+    std::iter::once(("the usual tuning", own.clone())).chain(others).map(named).collect()
 }
 
 /// Variants of rows whose rasterisers use one subgroup per tile: CPU devices.

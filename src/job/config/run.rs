@@ -8,6 +8,7 @@ use crate::gpu::Tuning;
 use crate::job::output::respell;
 use crate::qirf::select::budget::Keep;
 use crate::render::Style;
+use crate::scene::{EVAL_EVERY, LoadOptions, OpenOptions, Resize};
 use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use serde::{Deserialize, Serialize};
@@ -185,6 +186,45 @@ pub struct Selection {
     pub contents: BTreeMap<String, u32>,
 }
 
+impl Selection {
+    /// All photos of a scene at full size, of which every eighth is held out.
+    pub fn of(scene: PathBuf) -> Self {
+        Self {
+            scene,
+            images: None,
+            resolution: None,
+            pole_mask: 0.0,
+            depth: None,
+            eval_every: EVAL_EVERY,
+            background: None,
+            effects: Overrides::default(),
+            contents: BTreeMap::new(),
+        }
+    }
+
+    /// The options with which the scene is opened.
+    pub fn open_options(&self) -> OpenOptions {
+        OpenOptions {
+            images: self.images.clone(),
+            undistort: self.effects.forced(Effect::Distortion),
+            pole_mask: self.pole_mask,
+            depth: self.depth.clone(),
+            check: false,
+        }
+    }
+
+    /// The options with which its photos are decoded.
+    pub fn load_options(&self, resize: Resize) -> LoadOptions<'static> {
+        let (alpha, masks) = (self.effects.forced(Effect::Transparency), self.effects.allow(Effect::Masks));
+        LoadOptions { resize, alpha, masks, ..LoadOptions::default() }
+    }
+
+    /// The working size of its photos; an error for a text that is none.
+    pub fn resize(&self) -> Result<Resize, String> {
+        self.resolution.as_deref().map_or(Ok(Resize::Full), str::parse)
+    }
+}
+
 impl RunConfig {
     /// What `qirf-vk run SCENE --preset PRESET --no-prune` does; [`pruned`](Self::pruned) by [`Preset::pruning`], what it does
     /// without the last option.
@@ -196,7 +236,7 @@ impl RunConfig {
             pole_mask: 0.0,
             depth: None,
             seed: 1,
-            eval_every: 8,
+            eval_every: EVAL_EVERY,
             sh_degree: MAX_SH_DEGREE,
             init: Init::Points,
             init_count: None,

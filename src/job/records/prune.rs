@@ -136,3 +136,11 @@ pub struct PruneSeconds {
     /// Total.
     pub total: f64,
 }
+
+impl PruneSeconds {
+    /// Adds the pass over the views, which came before.
+    pub fn add_responses(&mut self, seconds: f64) {
+        self.responses += seconds;
+        self.total += seconds;
+    }
+}

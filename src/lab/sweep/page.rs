@@ -68,10 +68,13 @@ fn plot(axis: &AxisRecord) -> Markup {
             Some(figure) => r.figures.get(figure).map(|v| (*v, [*v; 2]))?,
             None => r.time.map(|t| (t.median, [t.q1, t.q3]))?,
         };
+        let place = accuracies.place(r.accuracy, r.exact)?;
+        // An error of zero has no place on a logarithmic axis.
+        let exact = if place == accuracies.beyond && r.name != "exact" { " (exact)" } else { "" };
         Some(Point {
-            label: r.name.clone(),
+            label: format!("{}{exact}", r.name),
             told: format!("{}: {} at {}", r.name, axis.shown(r), short(at)),
-            at: [at, accuracies.place(r.accuracy, r.exact)?],
+            at: [at, place],
             spread,
             front: r.front,
             default: r.default,
@@ -94,12 +97,6 @@ fn plot(axis: &AxisRecord) -> Markup {
 }
 
 fn rungs(axis: &AxisRecord) -> Markup {
-    let marks = |r: &RungRecord| match (r.default, r.front) {
-        (true, true) => "default, on the front",
-        (true, false) => "default",
-        (false, true) => "on the front",
-        _ => "",
-    };
     list(
         &axis.rungs,
         &[
@@ -107,7 +104,7 @@ fn rungs(axis: &AxisRecord) -> Markup {
             (Number("time"), &|r| r.time.map_or(NONE.into(), |t| short(t.median))),
             (Number("quartiles"), &|r| r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3)))),
             (Number("accuracy"), &|r| axis.shown(r)),
-            (Text(""), &|r| marks(r).to_owned()),
+            (Text(""), &|r| r.mark().to_owned()),
         ],
     )
 }

@@ -94,6 +94,16 @@ impl RungRecord {
         }
     }
 
+    /// What marks it in tables.
+    pub fn mark(&self) -> &'static str {
+        match (self.default, self.front) {
+            (true, true) => "default, on the front",
+            (true, false) => "default",
+            (false, true) => "on the front",
+            (false, false) => "",
+        }
+    }
+
     /// The rung with these times; one second is `per_second` of the axis's units.
     #[must_use]
     pub fn timed(mut self, timed: &Timed, per_second: f64) -> Self {

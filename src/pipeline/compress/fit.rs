@@ -8,7 +8,6 @@ use crate::gaussians::formats::{self, Ladder, Precision, RenderMode, SpzVersion}
 use crate::gaussians::{self, Gaussians};
 use crate::job::records::{Aim, AimRecord, Truth};
 use crate::job::{Error, Session, Watcher};
-use crate::pipeline::budget;
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::{Evaluator, mean};
 use crate::pipeline::prune::{self, PrunePlan};
@@ -70,8 +69,7 @@ impl<'a> Judge<'a> {
         let model = formats::read_bytes(packed, name).map_err(Error::writing)?.gaussians;
         let settings = self.views.settings;
         let size = camera::largest(self.photos.iter().map(|view| &view.camera));
-        let place = budget::for_pictures(self.session.device, &model, size, settings.style)?;
-        let shown = DrawSource::new(self.session, &model, place.whole)?;
+        let shown = DrawSource::for_pictures(self.session, &model, size, settings.style)?;
         let mut evaluator = Evaluator::of(self.session.device, settings, shown.source(), self.photos.iter())?;
         let each = evaluator.psnr(shown.source(), self.photos.iter())?;
         Ok(mean(&each).unwrap_or(f64::INFINITY))

@@ -138,9 +138,10 @@ fn reduce(
     drop((shown, responses));
     watcher.unless_stopped()?;
     watcher.pruned(&model, config.style.mode(), &plan.diagnostics)?;
-    let (prune, mut model) = plan.apply(model);
+    let (mut prune, mut model) = plan.apply(model);
     time.merge_s = prune.seconds.merge;
     time.keep_mask_s = prune.seconds.total - prune.seconds.merge;
+    prune.seconds.add_responses(time.responses_s);
     let after = scoring.scores_of(&model)?;
 
     let tuning = Instant::now();

@@ -7,7 +7,6 @@ use crate::job::Error;
 use crate::job::records::Truth;
 use crate::job::session::Session;
 use crate::metrics::Scores;
-use crate::pipeline::budget;
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::Evaluator;
 use crate::render::Source;
@@ -35,8 +34,7 @@ impl<'a> Scoring<'a> {
     pub fn scores_of(&mut self, model: &Gaussians) -> Result<Vec<Scores>, Error> {
         let Views { test, settings, .. } = self.views;
         let size = camera::largest(test.iter().map(|(_, view)| &view.camera));
-        let place = budget::for_pictures(self.session.device, model, size, settings.style)?;
-        self.scores(DrawSource::new(self.session, model, place.whole)?.source())
+        self.scores(DrawSource::for_pictures(self.session, model, size, settings.style)?.source())
     }
 
     /// The scores of a model in each held-out view.

@@ -225,16 +225,25 @@ fn seen(view: &View, map: &Map, scale: f64, resize: Resize) -> DepthMap {
 /// About `most` points at most, evenly distributed over the part of the map that view `v` sees.
 fn points(v: usize, view: &View, map: &DepthMap, most: usize) -> Vec<Point> {
     let camera = view.camera.resized(map.width, map.height);
+    let grid = |stride: u32| {
+        let rows = (stride / 2..map.height).step_by(stride as usize);
+        rows.flat_map(move |y| (stride / 2..map.width).step_by(stride as usize).map(move |x| (x, y)))
+    };
     let stride = (f64::from(map.width) * f64::from(map.height) / most as f64).sqrt().ceil().max(1.0) as u32;
-    let places = (stride / 2..map.height).step_by(stride as usize);
-    let places = places.flat_map(|y| (stride / 2..map.width).step_by(stride as usize).map(move |x| (x, y)));
+    let measured = |stride: u32| grid(stride).filter(|(x, y)| map.at(*x, *y).is_some()).collect::<Vec<_>>();
+    let mut places = measured(stride);
+    if places.len() < most / 8 {
+        // A grid misses most of the few depths of a scanner.
+        let all = measured(1);
+        places = all.iter().copied().step_by(all.len().div_ceil(most).max(1)).collect();
+    }
     let point = |(x, y): (u32, u32)| {
         let depth = map.at(x, y)?;
         let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
         let position = camera.rotation.transpose() * (camera.ray(pixel) * depth - camera.translation);
         Some(Point { position, normal: None, colour: [0; 3], error: 0.0, track: vec![v as u32] })
     };
-    places.filter_map(point).collect()
+    places.into_iter().filter_map(point).collect()
 }
 
 /// The median distance of the points of each map from the next photo's map, as a share of the depth; none if too few lie in it.

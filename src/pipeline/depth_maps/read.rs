@@ -8,6 +8,8 @@ use exr::prelude::{ReadChannels, ReadLayers, Text};
 use half::f16;
 use image::{DynamicImage, ImageReader};
 use npyz::{DType, NpyFile, TypeChar};
+use tiff::ColorType;
+use tiff::decoder::{Decoder, DecodingResult};
 
 /// Steps of 16-bit maps in world units where nothing says them: millimetres, if these are metres.
 const STEP: f64 = 1e-3;
@@ -30,6 +32,8 @@ pub struct Map {
     pub height: u32,
     /// Not a positive number where there is none.
     pub depths: Vec<f32>,
+    /// True if most pixels with a depth have a neighbour without: single points of a scanner, not a surface with holes.
+    pub sparse: bool,
 }
 
 /// Reads a map: whole numbers in steps of this many world units, thousandths if it is not given; others as they are.
@@ -44,28 +48,44 @@ pub fn read(path: &Path, step: Option<f64>) -> Result<Map, String> {
 pub fn of_bytes(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
     let mut map = decoded(bytes, step)?;
     map.drop_background();
+    map.sparse = map.is_sparse();
     Ok(map)
 }
 
 fn decoded(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
-    // The largest whole number says that nothing was hit.
-    let length = |steps: f64| if steps < 65535.0 { (steps * step.unwrap_or(STEP)) as f32 } else { 0.0 };
+    // The largest whole number of its kind says that nothing was hit.
+    let length = |steps: f64, most: f64| if steps < most { (steps * step.unwrap_or(STEP)) as f32 } else { 0.0 };
     if bytes.starts_with(EXR) {
         return exr(bytes);
     }
     if bytes.starts_with(b"\x93NUMPY") {
         return npy(bytes, length);
     }
+    if let Some(map) = tiff(bytes) {
+        return Ok(map);
+    }
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     let decoded = reader.decode().map_err(|e| format!("cannot be decoded: {e}"))?;
     let (width, height) = (decoded.width(), decoded.height());
     let depths = match decoded {
-        DynamicImage::ImageLuma16(steps) => steps.into_raw().into_iter().map(|v| length(v.into())).collect(),
+        DynamicImage::ImageLuma16(steps) => {
+            steps.into_raw().into_iter().map(|v| length(v.into(), u16::MAX.into())).collect()
+        }
         DynamicImage::ImageRgb32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         DynamicImage::ImageRgba32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         _ => return Err("has neither 16 bits nor floats".to_owned()),
     };
-    Ok(Map { width, height, depths })
+    Ok(Map::new(width, height, depths))
+}
+
+/// A TIFF with a single 32-bit float channel, which no picture has.
+fn tiff(bytes: &[u8]) -> Option<Map> {
+    let mut decoder = Decoder::new(Cursor::new(bytes)).ok()?;
+    let ((width, height), ColorType::Gray(32)) = (decoder.dimensions().ok()?, decoder.colortype().ok()?) else {
+        return None;
+    };
+    let DecodingResult::F32(depths) = decoder.read_image().ok()? else { return None };
+    Some(Map::new(width, height, depths))
 }
 
 /// First bytes of an EXR file.
@@ -96,10 +116,10 @@ fn exr(bytes: &[u8]) -> Result<Map, String> {
         return Err(format!("has the channels {}, none of them Z, depth, V, Y or R", names.join(", ")));
     };
     let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
-    Ok(Map { width: side(size.0), height: side(size.1), depths: channel.sample_data.values_as_f32().collect() })
+    Ok(Map::new(side(size.0), side(size.1), channel.sample_data.values_as_f32().collect()))
 }
 
-fn npy(bytes: &[u8], length: impl Fn(f64) -> f32) -> Result<Map, String> {
+fn npy(bytes: &[u8], length: impl Fn(f64, f64) -> f32) -> Result<Map, String> {
     let npy = NpyFile::new(bytes).map_err(|e| format!("cannot be read: {e}"))?;
     let (height, width) = match *npy.shape() {
         [h, w] | [h, w, 1] | [1, h, w] => (h, w),
@@ -117,19 +137,56 @@ fn npy(bytes: &[u8], length: impl Fn(f64) -> f32) -> Result<Map, String> {
         (TypeChar::Float, Some(8)) => npy.into_vec::<f64>().map_err(cut)?.into_iter().map(|v| v as f32).collect(),
         (TypeChar::Float, Some(2)) => npy.into_vec::<f16>().map_err(cut)?.into_iter().map(f16::to_f32).collect(),
         (TypeChar::Uint, Some(2)) => {
-            npy.into_vec::<u16>().map_err(cut)?.into_iter().map(|v| length(v.into())).collect()
+            npy.into_vec::<u16>().map_err(cut)?.into_iter().map(|v| length(v.into(), u16::MAX.into())).collect()
         }
-        (TypeChar::Int, Some(2)) => npy.into_vec::<i16>().map_err(cut)?.into_iter().map(|v| length(v.into())).collect(),
-        (TypeChar::Int, Some(4)) => npy.into_vec::<i32>().map_err(cut)?.into_iter().map(|v| length(v.into())).collect(),
-        _ => return Err(format!("has numbers of type {kind}, not f2, f4, f8, u2, i2 or i4")),
+        (TypeChar::Int, Some(2)) => {
+            npy.into_vec::<i16>().map_err(cut)?.into_iter().map(|v| length(v.into(), u16::MAX.into())).collect()
+        }
+        (TypeChar::Uint, Some(4)) => {
+            npy.into_vec::<u32>().map_err(cut)?.into_iter().map(|v| length(v.into(), u32::MAX.into())).collect()
+        }
+        (TypeChar::Int, Some(4)) => {
+            npy.into_vec::<i32>().map_err(cut)?.into_iter().map(|v| length(v.into(), i32::MAX.into())).collect()
+        }
+        (TypeChar::Uint, Some(8)) => {
+            npy.into_vec::<u64>().map_err(cut)?.into_iter().map(|v| length(v as f64, u64::MAX as f64)).collect()
+        }
+        (TypeChar::Int, Some(8)) => {
+            npy.into_vec::<i64>().map_err(cut)?.into_iter().map(|v| length(v as f64, i64::MAX as f64)).collect()
+        }
+        _ => return Err(format!("has numbers of type {kind}, not f2, f4, f8, u2, u4, u8, i2, i4 or i8")),
     };
     let (width, height) = (width as usize, height as usize);
     let at = |i: usize| depths[i % width * height + i / width];
     let depths = if by_columns { (0..depths.len()).map(at).collect() } else { depths };
-    Ok(Map { width: width as u32, height: height as u32, depths })
+    Ok(Map::new(width as u32, height as u32, depths))
 }
 
 impl Map {
+    /// A map as it was decoded.
+    fn new(width: u32, height: u32, depths: Vec<f32>) -> Self {
+        Self { width, height, depths, sparse: false }
+    }
+
+    /// The depth of a pixel, and those left, right, above and below of it, or its own at the border.
+    fn around(&self, x: u32, y: u32) -> (f32, [f32; 4]) {
+        let value = |x: u32, y: u32| self.depths[y as usize * self.width as usize + x as usize];
+        let (left, above) = (x.saturating_sub(1), y.saturating_sub(1));
+        let (right, below) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
+        (value(x, y), [value(left, y), value(right, y), value(x, above), value(x, below)])
+    }
+
+    fn is_sparse(&self) -> bool {
+        let pixels = (0..self.height).flat_map(|y| (0..self.width).map(move |x| (x, y)));
+        let mut counts = [0_usize; 2];
+        for (depth, around) in pixels.map(|(x, y)| self.around(x, y)) {
+            if depth > 0.0 {
+                counts[usize::from(around.into_iter().all(|d| d > 0.0))] += 1;
+            }
+        }
+        counts[0] > counts[1]
+    }
+
     /// Removes the background, which renderers write as the largest number of a half, as a billion or more, or as a plateau at exactly the
     /// largest depth, far behind all others.
     fn drop_background(&mut self) {
@@ -149,14 +206,12 @@ impl Map {
         }
     }
 
-    /// The depth at a pixel, if there is one, and none of its neighbours lies at another.
+    /// The depth at a pixel, if there is one, and none of its neighbours lies at another; neighbours without a depth do, unless
+    /// the map is sparse.
     pub fn at(&self, x: u32, y: u32) -> Option<f64> {
-        let value = |x: u32, y: u32| self.depths[y as usize * self.width as usize + x as usize];
-        let depth = value(x, y);
-        let (left, above) = (x.saturating_sub(1), y.saturating_sub(1));
-        let (right, below) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
-        let around = [value(left, y), value(right, y), value(x, above), value(x, below)];
-        let usable = depth > 0.0 && depth.is_finite() && around.iter().all(|d| (d - depth).abs() <= EDGE * depth);
+        let (depth, around) = self.around(x, y);
+        let agrees = |d: &f32| (self.sparse && (*d <= 0.0 || d.is_nan())) || (d - depth).abs() <= EDGE * depth;
+        let usable = depth > 0.0 && depth.is_finite() && around.iter().all(agrees);
         usable.then_some(f64::from(depth))
     }
 }

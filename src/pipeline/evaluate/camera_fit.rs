@@ -199,7 +199,7 @@ mod tests {
 
     #[test]
     fn flow_is_the_slope_of_what_a_camera_shows() {
-        let camera = Camera::look_at(DVec3::new(1.0, -2.0, -3.0), DVec3::new(0.3, 0.1, 0.2), DVec3::Y, 50.0, 64, 48);
+        let camera = Camera::look_at(DVec3::new(1.0, -2.0, -3.0), DVec3::new(0.3, 0.1, 0.2), DVec3::Y, 0.9, 64, 48);
         let (at, depth) = (DVec2::new(20.0, 33.0), 2.5);
         let point = camera.rotation.transpose() * (camera.ray(at) * depth - camera.translation);
         let seen = |camera: &Camera| camera.project(camera.rotation * point + camera.translation);

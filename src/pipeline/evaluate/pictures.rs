@@ -1,5 +1,6 @@
 //! Pictures on disk: their names, and PNG and NPY files written whole or not at all.
 
+use crate::extension::has_extension;
 use crate::gaussians::formats::write_atomically;
 use crate::job::Error;
 use crate::render::Image;
@@ -47,13 +48,8 @@ pub fn names<'a>(views: impl Iterator<Item = &'a str>, extension: &str) -> Vec<P
             if safe.as_os_str().is_empty() {
                 safe.push("picture");
             }
-            let is_picture = |p: &Path| {
-                p.extension().is_some_and(|e| {
-                    let e = e.to_string_lossy().to_ascii_lowercase();
-                    ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "exr", "npy", "ppm"].contains(&e.as_str())
-                })
-            };
-            let mut stem = if is_picture(&safe) { safe.with_extension("") } else { safe.clone() };
+            let pictures = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp", "exr", "npy", "ppm"];
+            let mut stem = if has_extension(&safe, &pictures) { safe.with_extension("") } else { safe.clone() };
             [&mut stem, &mut safe].into_iter().for_each(shorten);
             let with = |stem: &Path, more: &str| {
                 let mut name = stem.as_os_str().to_owned();

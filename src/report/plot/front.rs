@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
-use super::{Drawing, colour, px};
+use super::{Drawing, colour, point, px};
 use maud::{Markup, html};
 
 /// Least distance of two labels, in pixels.
@@ -98,37 +98,47 @@ impl Front<'_> {
             .filter(|(p, _)| p.front)
             .map(|(_, [x, y])| format!("{},{}", px(*x), px(*y)))
             .collect();
-        let labels = labels(&places, |x| x < left + 0.65 * (right - left));
+        let at_right = |x: f64| x < left + 0.65 * (right - left);
+        let labels = labels(&points, &places, at_right);
         let drawing = html! {
             (frame.draw(None))
             @if front.len() > 1 { polyline class={ "line " (colour(0)) } points=(front.join(" ")) {} }
             @for (p, [x, y]) in points.iter().zip(&places) {
                 @let [from, to] = p.spread.map(|v| frame.x.at(v));
                 line class="axis" x1=(px(from)) x2=(px(to)) y1=(px(*y)) y2=(px(*y)) {}
-                circle class={ "dot " (colour(usize::from(!p.front))) } cx=(px(*x)) cy=(px(*y)) r="4.5" { title { (p.told) } }
+                (point(usize::from(!p.front), [*x, *y], 4.5, &p.told))
                 @if p.default { circle class="ring" cx=(px(*x)) cy=(px(*y)) r="8" {} }
             }
             @for ((p, [x, _]), label) in points.iter().zip(&places).zip(&labels) {
-                @let at_right = *x < left + 0.65 * (right - left);
+                @let at_right = at_right(*x);
                 text class={ "label" @if !at_right { " end" } } y=(px(*label))
-                    x=(px(if at_right { x + 12.0 } else { x - 12.0 })) { (p.label) }
+                    x=(px(if at_right { x + BESIDE } else { x - BESIDE })) { (p.label) }
             }
         };
         Drawing::new(self.title, &self.legend, SIZE, drawing)
     }
 }
 
-/// Heights of labels: on each side, labels of nearby points are placed below one another.
-fn labels(places: &[[f64; 2]], at_right: impl Fn(f64) -> bool) -> Vec<f64> {
+/// Distance of a label from its point, and width of its letters, in pixels.
+const BESIDE: f64 = 12.0;
+const LETTER: f64 = 6.6;
+
+/// Heights of labels: one that would lie on another is placed below it.
+fn labels(points: &[&Point], places: &[[f64; 2]], at_right: impl Fn(f64) -> bool) -> Vec<f64> {
     let mut out: Vec<f64> = places.iter().map(|[_, y]| y + 4.0).collect();
     let mut order: Vec<usize> = (0..places.len()).collect();
     order.sort_by(|a, b| places[*a][1].total_cmp(&places[*b][1]).then(a.cmp(b)));
+    let across = |i: usize| {
+        let (x, width) = (places[i][0], points[i].label.chars().count() as f64 * LETTER);
+        if at_right(x) { [x + BESIDE, x + BESIDE + width] } else { [x - BESIDE - width, x - BESIDE] }
+    };
     for (k, &i) in order.iter().enumerate() {
-        for &j in &order[..k] {
-            let near = (places[i][0] - places[j][0]).abs() < 110.0 && at_right(places[i][0]) == at_right(places[j][0]);
-            if near && (out[i] - out[j]).abs() < LINE {
-                out[i] = out[j] + LINE;
-            }
+        let [from, to] = across(i);
+        let beside: Vec<usize> =
+            order[..k].iter().copied().filter(|j| from < across(*j)[1] && across(*j)[0] < to).collect();
+        // Each step leaves one of them above for good.
+        while let Some(on) = beside.iter().find(|j| (out[i] - out[**j]).abs() < LINE - 0.5) {
+            out[i] = out[*on] + LINE;
         }
     }
     out
@@ -138,23 +148,22 @@ fn labels(places: &[[f64; 2]], at_right: impl Fn(f64) -> bool) -> Vec<f64> {
 mod tests {
     use super::*;
 
+    fn point(label: &str, at: [f64; 2]) -> Point {
+        let spread = [at[0], f64::NAN];
+        Point { label: label.into(), told: String::new(), at, spread, front: true, default: true }
+    }
+
     #[test]
     fn labels_do_not_lie_on_each_other() {
-        let out = labels(&[[10.0, 50.0], [12.0, 50.0], [14.0, 51.0], [400.0, 50.0]], |x| x < 200.0);
-        assert_eq!(out, [54.0, 67.0, 80.0, 54.0]);
+        let named = ["a", "b", "c", "d", "a rung with a long name, two"].map(|label| point(label, [0.0; 2]));
+        let places = [[10.0, 50.0], [12.0, 50.0], [14.0, 51.0], [400.0, 50.0], [200.0, 52.0]];
+        let out = labels(&named.iter().collect::<Vec<_>>(), &places, |x| x < 200.0);
+        assert_eq!(out, [54.0, 67.0, 80.0, 54.0, 93.0]);
     }
 
     #[test]
     fn whatever_comes_is_drawn() {
-        let point = |x: f64, y: f64| Point {
-            label: "<a>".into(),
-            told: String::new(),
-            at: [x, y],
-            spread: [x, f64::NAN],
-            front: true,
-            default: true,
-        };
-        let points = vec![point(0.0, 1.0), point(f64::NAN, 0.0), point(3.0, f64::INFINITY), point(2.0, 5.0)];
+        let points = [[0.0, 1.0], [f64::NAN, 0.0], [3.0, f64::INFINITY], [2.0, 5.0]].map(|at| point("<a>", at)).into();
         let text =
             Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: ["a", "b"], points }.draw().into_string();
         assert!(!text.contains("NaN") && !text.contains("inf") && text.contains("&lt;a&gt;"), "{text}");

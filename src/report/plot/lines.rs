@@ -2,7 +2,7 @@
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
-use super::{Drawing, colour, px};
+use super::{Drawing, colour, point, px};
 use crate::report::format::short;
 use maud::{Markup, html};
 
@@ -66,9 +66,7 @@ impl Lines<'_> {
                     .map(|p| (p, [frame.x.at(p[0]), frame.y.at(p[1])])).collect();
                 polyline class={ "line " (colour(k)) } points=(path(&places)) {}
                 @for (p, at) in &places {
-                    circle class={ "dot " (colour(k)) } cx=(px(at[0])) cy=(px(at[1])) r="3" {
-                        title { (line.name) ": " (short(p[1])) " at " (short(p[0])) }
-                    }
+                    (point(k, *at, 3.0, &format!("{}: {} at {}", line.name, short(p[1]), short(p[0]))))
                 }
             }
         };
@@ -116,9 +114,7 @@ impl Scatter<'_> {
             @for spot in &spots {
                 @let [x, y] = [frame.x.at(spot.at[0]), frame.y.at(spot.at[1])];
                 @let at_right = x < left + 0.7 * (right - left);
-                circle class={ "dot " (colour(spot.group)) } cx=(px(x)) cy=(px(y)) r="4.5" {
-                    title { (spot.label) ": " (short(spot.at[0])) ", " (short(spot.at[1])) }
-                }
+                (point(spot.group, [x, y], 4.5, &format!("{}: {}, {}", spot.label, short(spot.at[0]), short(spot.at[1]))))
                 text class={ "label" @if !at_right { " end" } } y=(px(y + 4.0))
                     x=(px(if at_right { x + 8.0 } else { x - 8.0 })) { (spot.label) }
             }

@@ -1,7 +1,7 @@
 //! Plots as one self-contained SVG file: with its own style, and its own background, since a page that shows it may be
 //! dark when the reader's scheme is light.
 
-use super::{COLOURS, Drawing, colour, px};
+use super::{COLOURS, Drawing, colour, point, px};
 use maud::{PreEscaped, html};
 
 /// The page's style, which gives the colours.
@@ -35,7 +35,7 @@ pub fn sheet(title: &str, drawings: &[Drawing], columns: usize) -> String {
                     g transform={ "translate(" (px(left)) " " (px(top(row))) ")" } {
                         text class="name" x="4" y="14" { (drawing.title) }
                         @for (k, (name, at)) in legend(drawing).enumerate() {
-                            circle class={ "dot " (colour(k)) } cx=(px(at + 8.0)) cy=(px(TITLE + 6.0)) r="4" {}
+                            (point(k, [at + 8.0, TITLE + 6.0], 4.0, ""))
                             text class="mark" x=(px(at + 16.0)) y=(px(TITLE + 10.0)) { (name) }
                         }
                         g transform={ "translate(0 " (px(height(drawing) - drawing.size[1])) ")" } { (drawing.marks) }

@@ -1,5 +1,6 @@
 //! Point clouds beside a capture's cameras, in files of their own.
 
+use crate::extension::has_extension;
 use std::path::{Path, PathBuf};
 
 use super::files::inside;
@@ -41,13 +42,10 @@ pub(super) fn beside(folders: &[&Path], skipped: &mut Skipped) -> Vec<ListedPoin
 
 /// A note on a cloud in a format that is not read, or under a name that says nothing.
 fn unread(files: &[PathBuf]) -> Option<String> {
-    let one_of = |path: &&PathBuf, extensions: &[&str]| {
-        path.extension().is_some_and(|e| extensions.iter().any(|known| e.eq_ignore_ascii_case(known)))
-    };
-    if let Some(first) = files.iter().find(|path| one_of(path, &UNREAD)) {
+    if let Some(first) = files.iter().find(|path| has_extension(path, &UNREAD)) {
         return Some(format!("no points: {} is not read, convert it to PLY and name it points3D.ply", first.display()));
     }
-    let ply = files.iter().find(|path| one_of(path, &["ply"]))?;
+    let ply = files.iter().find(|path| has_extension(path, &["ply"]))?;
     Some(format!("no points: if {} holds them, name it points3D.ply", ply.display()))
 }
 

@@ -1,5 +1,6 @@
 //! Depth maps of photos, in a folder of their own.
 
+use crate::extension::has_extension;
 use std::path::{Path, PathBuf};
 
 use super::files::{Folders, appended, inside};
@@ -22,9 +23,7 @@ pub(super) struct DepthMaps {
 impl DepthMaps {
     pub fn of(folder: &Path) -> Self {
         let files: Vec<PathBuf> = inside(folder).into_iter().filter(|path| path.is_file()).collect();
-        let is_map = |path: &&PathBuf| {
-            path.extension().is_some_and(|e| EXTENSIONS.iter().any(|known| e.eq_ignore_ascii_case(known)))
-        };
+        let is_map = |path: &&PathBuf| has_extension(path, &EXTENSIONS);
         let owners = |path: &PathBuf| {
             // All are files of numbers without loss, as PNG is.
             let name = path.with_extension("png").file_name()?.to_string_lossy().into_owned();

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::kinds::{EXTENSIONS, is_photo_name, unread_format};
-use super::names::{key, relative, tidy};
+use super::names::{key, relative, tidy, unescaped};
 use super::tree::photo_names;
 use crate::scene::Error;
 use crate::scene::image_file::{IS_LFS_POINTER, LFS_POINTER};
@@ -81,16 +81,22 @@ pub(super) struct Folders {
 }
 
 impl Folders {
-    /// The file that a capture names by a path: as listed, else whatever the case, and without the folders of the machine that wrote it.
+    /// The file that a capture names by a path, perhaps written as in a URL: as listed, else whatever the case, and without the
+    /// folders of the machine that wrote it.
     pub(super) fn listed(&mut self, root: &Path, name: &str) -> PathBuf {
+        let found = self.found(root, name).or_else(|| self.found(root, &unescaped(name)?));
+        found.unwrap_or_else(|| root.join(tidy(name)))
+    }
+
+    fn found(&mut self, root: &Path, name: &str) -> Option<PathBuf> {
         let usual = root.join(tidy(name));
         if usual.is_file() {
-            return usual;
+            return Some(usual);
         }
         let relative = relative(name);
         let parts: Vec<&str> = relative.split('/').collect();
         let whole = if usual == root.join(&relative) { parts.len().min(1) } else { parts.len() };
-        (0..whole).find_map(|from| self.in_any_case(root, &parts[from..])).unwrap_or(usual)
+        (0..whole).find_map(|from| self.in_any_case(root, &parts[from..]))
     }
 
     /// The file of a path's folder whose name differs from the path's at most in case.

@@ -1,5 +1,6 @@
 //! What a file is by its extension: a photo, a photo in a format that is not read, a video, an archive.
 
+use crate::extension::has_extension;
 use std::path::Path;
 
 /// Extensions of photos, in the order in which they are tried for names without one.
@@ -55,32 +56,27 @@ const UNSTITCHED: [&str; 2] = ["insv", "360"];
 /// Extensions of archives.
 const ARCHIVES: [&str; 11] = ["zip", "tar", "gz", "tgz", "bz2", "xz", "txz", "zst", "7z", "rar", "lz4"];
 
-fn has_one_of(path: &Path, extensions: &[&str]) -> bool {
-    path.extension().is_some_and(|e| extensions.iter().any(|known| e.eq_ignore_ascii_case(known)))
-}
-
 /// True if the path has a photo's extension.
 pub(super) fn is_photo_name(path: &Path) -> bool {
-    has_one_of(path, &EXTENSIONS)
+    has_extension(path, &EXTENSIONS)
 }
 
 /// The format of a path with the extension of photos that are not read.
 pub(super) fn unread_format(path: &Path) -> Option<&'static str> {
-    let extension = path.extension()?;
-    UNREAD.iter().find(|(known, _)| extension.eq_ignore_ascii_case(known)).map(|(_, format)| *format)
+    UNREAD.iter().find(|(known, _)| has_extension(path, &[known])).map(|(_, format)| *format)
 }
 
 /// True if the path has a video's extension.
 pub fn is_video_name(path: &Path) -> bool {
-    has_one_of(path, &VIDEOS)
+    has_extension(path, &VIDEOS)
 }
 
 /// True if the path has the extension of a 360° camera's own file.
 pub(super) fn is_unstitched_name(path: &Path) -> bool {
-    has_one_of(path, &UNSTITCHED)
+    has_extension(path, &UNSTITCHED)
 }
 
 /// True if the path has an archive's extension.
 pub(super) fn is_archive_name(path: &Path) -> bool {
-    has_one_of(path, &ARCHIVES)
+    has_extension(path, &ARCHIVES)
 }

@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::names::{key, last, relative, tidy};
+use super::names::{key, last, relative, tidy, unescaped};
 use super::tree::PhotoTree;
 
 /// All photos below a folder, without what only looks like them ([`PhotoTree`]), found by names that differ from theirs in case, in the composition of letters, in
@@ -18,9 +18,12 @@ pub(super) struct Lookup {
 struct Files {
     /// All lie in the folder itself.
     flat: bool,
+    /// Some lie in images.
+    some_of_images: bool,
     /// Paths within the folder, by key.
     whole: HashMap<String, Vec<String>>,
-    /// The same, by the key's last part.
+    /// The same, by the key's last part: those in images, or, if it holds none, those in any folder unless photos lie here directly.
+    /// What lies elsewhere under a photo's name is another program's picture.
     last: HashMap<String, Vec<String>>,
 }
 
@@ -46,13 +49,16 @@ impl Lookup {
         let key = key(&relative(name));
         let mut rest = key.as_str();
         loop {
-            if let Some(found) = files.whole.get(rest) {
+            // Beside images, a picture of a photo's name is none.
+            let is_stray = rest != key && !rest.contains('/') && files.some_of_images;
+            if let Some(found) = files.whole.get(rest).filter(|_| !is_stray) {
                 return one(found, name);
             }
             // Folders of another machine say nothing; those within a capture tell photos of several cameras apart.
             match rest.split_once('/') {
                 Some((_, inner)) if foreign || files.flat => rest = inner,
-                None if rest == key => return files.last.get(rest).and_then(|found| one(found, name)),
+                Some(("images", inner)) if !files.some_of_images => rest = inner,
+                None if rest == key || is_stray => return files.last.get(rest).and_then(|found| one(found, name)),
                 _ => return None,
             }
         }
@@ -62,40 +68,26 @@ impl Lookup {
 impl Files {
     fn of(folder: &Path) -> Self {
         let mut files = Self { flat: true, ..Self::default() };
-        for name in PhotoTree::whole(folder).names {
+        let names = PhotoTree::whole(folder).names;
+        let is_deep = names.iter().all(|name| name.contains('/'));
+        let of_images = |name: &String| name.to_ascii_lowercase().starts_with("images/");
+        files.some_of_images = names.iter().any(of_images);
+        for name in names {
             let key = key(&name);
             files.flat &= !name.contains('/');
-            files.last.entry(last(&key).to_owned()).or_default().push(name.clone());
+            if of_images(&name) || (is_deep && !files.some_of_images) {
+                files.last.entry(last(&key).to_owned()).or_default().push(name.clone());
+            }
             files.whole.entry(key).or_default().push(name);
         }
         files
     }
 }
 
-/// A name with the bytes that it writes as %20; none if it writes none so.
-fn unescaped(name: &str) -> Option<String> {
-    let (mut bytes, mut rest) = (Vec::new(), name.as_bytes());
-    while let Some((first, more)) = rest.split_first() {
-        let code = more.get(..2).and_then(|hex| u8::from_str_radix(std::str::from_utf8(hex).ok()?, 16).ok());
-        let (byte, after) = if *first == b'%'
-            && let Some(code) = code
-        {
-            (code, &more[2..])
-        } else {
-            (*first, more)
-        };
-        bytes.push(byte);
-        rest = after;
-    }
-    String::from_utf8(bytes).ok().filter(|plain| plain != name)
-}
-
-/// The only file, or the only one with the extension of `name`; of several, the only one in the folder images.
+/// The only file, or the only one with the extension of `name`.
 fn one(found: &[String], name: &str) -> Option<String> {
     let extension = |name: &str| name.rsplit_once('.').map(|(_, e)| e.to_ascii_lowercase());
     let same: Vec<&String> = found.iter().filter(|file| extension(file) == extension(name)).collect();
     let among = if same.is_empty() { found.iter().collect() } else { same };
-    let usual = among.iter().copied().filter(|file| file.to_ascii_lowercase().starts_with("images/"));
-    let only = |files: Vec<&String>| if let [only] = files[..] { Some(only.clone()) } else { None };
-    only(among.clone()).or_else(|| only(usual.collect()))
+    if let [only] = among[..] { Some(only.clone()) } else { None }
 }

@@ -1,67 +1,96 @@
 //! Masks of a capture's photos, under the names and in the folders that tools give them.
 
 use std::cell::{Cell, OnceCell, RefCell};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 use super::files::appended;
 use super::kinds::is_photo_name;
-use super::names::{belongs_to, key, last};
+use super::names::{belongs_to, key, last, relative};
 use super::tree::{PhotoTree, is_map_folder, is_mask_folder};
 use crate::scene::image_file::{color_type, hides_where_white};
 use crate::wording::counted;
 use image::ColorType;
 
-/// The masks that go with a photo folder.
+/// The masks of a capture's photos. The folders that hold a photo are looked at from the outermost, the capture itself last: each may
+/// have masks beside it or in it.
 pub(super) struct Masks {
+    root: PathBuf,
     images: PathBuf,
-    folder: Option<PathBuf>,
-    index: OnceCell<Index>,
-    found: Cell<usize>,
-    /// The folder that holds the photos' folder, within the capture.
-    beside: Option<PathBuf>,
-    /// The photo that was asked for first.
-    first: OnceCell<String>,
+    /// What goes with each folder of photos that was looked at.
+    folders: RefCell<BTreeMap<PathBuf, FolderMasks>>,
+    /// The mask folders in each folder that was looked at, and what they hold.
+    held: RefCell<Held>,
+    /// Number of photos by a folder and the rest of their name below a folder in it: masks beside such folders may be any one's.
+    rests: HashMap<(PathBuf, String), usize>,
     /// Photos whose mask may be another folder's.
     shared: Cell<usize>,
-}
-
-/// Files by the keys of the photos that they may belong to.
-#[derive(Default)]
-struct Index {
-    by_photo: HashMap<String, Vec<PathBuf>>,
-    /// Number of photos by the last parts of their keys.
-    photos: HashMap<String, usize>,
+    found: Cell<usize>,
 }
 
 impl Masks {
-    /// The masks of the photos in `images`, in the capture at `root`.
-    pub fn of(root: &Path, images: &Path) -> Self {
-        let beside = images.parent().filter(|_| images.starts_with(root) && images != root).map(Path::to_owned);
-        let (found, shared, first) = (Cell::new(0), Cell::new(0), OnceCell::new());
-        let (folder, index) = (folder(root, images), OnceCell::new());
-        Self { images: images.to_owned(), folder, index, found, beside, first, shared }
+    /// The masks of the photos of these names in `images`, in the capture at `root`.
+    pub fn of<'a>(root: &Path, images: &Path, names: impl Iterator<Item = &'a str>) -> Self {
+        let mut rests = HashMap::new();
+        let mut names: HashSet<String> = names.map(plain).collect();
+        // Photos without a pose have masks, too. Of a capture, only its folders of photos hold such.
+        let first = |name: &String| Some(name.split_once('/')?.0.to_owned());
+        let folders: HashSet<String> =
+            if images == root { names.iter().filter_map(first).collect() } else { HashSet::new() };
+        let inside = |folder: &String| {
+            PhotoTree::whole(&images.join(folder)).names.into_iter().map(|n| format!("{folder}/{n}")).collect()
+        };
+        let mut others: Vec<Vec<String>> = folders.iter().map(inside).collect();
+        others.extend((images != root).then(|| PhotoTree::whole(images).names));
+        names.extend(others.into_iter().flatten());
+        for name in &names {
+            for (folder, rest) in levels(images, name) {
+                if let Some(above) = folder.parent().filter(|_| folder != images) {
+                    *rests.entry((above.to_owned(), key(rest))).or_default() += 1;
+                }
+            }
+        }
+        let (folders, held, shared, found) = Default::default();
+        Self { root: root.to_owned(), images: images.to_owned(), folders, held, rests, shared, found }
     }
 
-    /// The mask of the photo `name`: in the mask folder as name.png, name.jpg.png or the name itself, otherwise under any
-    /// name there or beside the photo that says whose it is.
+    /// The mask of the photo `name`.
     pub fn find(&self, name: &str) -> Option<PathBuf> {
-        self.first.get_or_init(|| name.to_owned());
-        let plain = self.folder.as_ref().map(|folder| folder.join(name));
-        let usual = plain.into_iter().flat_map(|p| [appended(&p, "png"), p.with_extension("png"), p]);
-        let found = usual.into_iter().find(|p| p.is_file()).or_else(|| {
-            let index = self.index.get_or_init(|| Index::of(self.folder.as_deref(), &self.images));
-            let key = key(name);
-            let of = |key: &str| index.by_photo.get(key).filter(|files| files.len() == 1).map(|files| files[0].clone());
-            // A mask of the name alone is no photo's if folders have photos of that name.
-            let own = index.photos.get(last(&key)).is_none_or(|photos| *photos < 2);
-            let by_name = of(last(&key)).filter(|_| key != last(&key));
-            self.shared.set(self.shared.get() + usize::from(by_name.is_some() && !own));
-            of(&key).or(by_name.filter(|_| own))
+        let name = plain(name);
+        let mut folders = self.folders.borrow_mut();
+        let mut is_shared = false;
+        let mut levels = levels(&self.images, &name);
+        // The capture itself holds more than photos: its pictures come last.
+        levels.sort_by_key(|(folder, _)| *folder == self.root); // stable
+        let found = levels.into_iter().find_map(|(folder, rest)| {
+            let above = self.above(&folder);
+            let count = self.rests.get(&(above.to_owned(), key(rest))).copied().unwrap_or(0);
+            let masks = folders
+                .entry(folder.clone())
+                .or_insert_with(|| FolderMasks::of(above, &folder, &mut self.held.borrow_mut()));
+            let (found, doubtful) = masks.find(rest);
+            is_shared |= doubtful;
+            found.filter(|mask| {
+                let is_own = mask.starts_with(&folder) || masks.is_named() || count < 2;
+                is_shared |= !is_own;
+                is_own
+            })
         });
         self.found.set(self.found.get() + usize::from(found.is_some()));
+        self.shared.set(self.shared.get() + usize::from(found.is_none() && is_shared));
         found
+    }
+
+    /// The folder that may hold the masks of a folder of photos beside it; none above the capture. Photos that lie elsewhere may have
+    /// theirs in the capture.
+    fn above<'a>(&'a self, folder: &'a Path) -> &'a Path {
+        match folder.parent() {
+            Some(above) if folder != self.root && folder.starts_with(&self.root) => above,
+            Some(above) if folder != self.images && folder != self.root => above,
+            _ => &self.root,
+        }
     }
 
     /// A note if there is a mask folder but none of its files belongs to a photo, or none to one photo alone.
@@ -76,19 +105,184 @@ impl Masks {
         if self.found.get() > 0 {
             return None;
         }
-        let Some(folder) = &self.folder else { return self.other_folder() };
-        let held = files(folder);
-        let Some((first, _)) = held.first() else {
-            let mut unread = fs::read_dir(folder).into_iter().flatten().flatten();
-            let first = unread.next()?.file_name().to_string_lossy().into_owned();
-            return Some(format!("no mask used: {} holds no pictures that are read (but {first})", folder.display()));
-        };
-        let number = counted(held.len(), "file");
-        Some(format!("no mask used: {} holds {number} such as {first}, none with a photo's name", folder.display()))
+        let folders = self.folders.borrow();
+        let outermost = || folders.iter().find(|(folder, _)| **folder != self.root).or(folders.iter().next());
+        let other = |(_, masks): (&PathBuf, &FolderMasks)| masks.other_folder(|folder| folders.contains_key(folder));
+        folders.values().find_map(FolderMasks::unmatched).or_else(|| outermost().and_then(other))
+    }
+}
+
+/// A photo's name without the folders of another machine and the steps that lead nowhere.
+fn plain(name: &str) -> String {
+    let name = relative(name);
+    name.split('/').filter(|part| !["", ".", ".."].contains(part)).collect::<Vec<_>>().join("/")
+}
+
+/// The folders that hold the photo `name` of the folder `images`, from this one on, each with the name within it.
+fn levels<'a>(images: &Path, name: &'a str) -> Vec<(PathBuf, &'a str)> {
+    let mut levels = vec![(images.to_owned(), name)];
+    while let Some((folder, rest)) = levels.last().and_then(|(folder, rest)| {
+        let (first, rest) = rest.split_once('/')?;
+        Some((folder.join(first), rest))
+    }) {
+        levels.push((folder, rest));
+    }
+    levels
+}
+
+/// Mask folders, each read once.
+#[derive(Default)]
+struct Held {
+    /// By the folder in which they lie.
+    inside: HashMap<PathBuf, Vec<PathBuf>>,
+    read: HashMap<PathBuf, Rc<MaskFolder>>,
+}
+
+impl Held {
+    /// The mask folders in a folder.
+    fn inside(&mut self, folder: &Path) -> Vec<PathBuf> {
+        let found = self.inside.entry(folder.to_owned()).or_insert_with(|| {
+            let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+            let is_mask = |e: &fs::DirEntry| is_mask_folder(&e.file_name().to_string_lossy().to_lowercase());
+            let mut found: Vec<PathBuf> = entries.filter(is_mask).map(|e| e.path()).filter(|p| p.is_dir()).collect();
+            found.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+            found
+        });
+        found.clone()
     }
 
-    /// A note on a folder beside the photos' that has a grey picture of a photo's name.
-    fn other_folder(&self) -> Option<String> {
+    fn read(&mut self, folder: &Path) -> Rc<MaskFolder> {
+        let read = self.read.entry(folder.to_owned()).or_insert_with(|| Rc::new(MaskFolder::of(folder)));
+        Rc::clone(read)
+    }
+
+    /// The mask folder that goes with a photo folder: `images_4` has `masks_4`, else `masks` or `mask`, in `beside` or in it; upper or
+    /// lower case. One that holds pictures comes before others.
+    fn folder(&mut self, beside: &Path, images: &Path) -> Option<Rc<MaskFolder>> {
+        let name = images.file_name().and_then(|n| n.to_str()).unwrap_or_default();
+        let scaled = name.strip_prefix("images").map(|suffix| format!("masks{suffix}"));
+        let usual: Vec<PathBuf> = scaled.into_iter().chain(["masks".to_owned()]).map(|m| beside.join(m)).collect();
+        let mut others = [self.inside(beside), self.inside(images)].concat();
+        // Stable: the shortest name first, that beside before that inside.
+        let order = |path: &PathBuf| usual.iter().position(|usual| usual == path).unwrap_or(usize::MAX);
+        others.sort_by_key(|path| (!is_named_after(path, images), order(path)));
+        let all: Vec<Rc<MaskFolder>> = others.iter().map(|folder| self.read(folder)).collect();
+        all.iter().find(|folder| !folder.files.is_empty()).or(all.first()).cloned()
+    }
+}
+
+/// A folder of masks.
+struct MaskFolder {
+    path: PathBuf,
+    /// Its pictures, by their paths within it.
+    files: Vec<(String, PathBuf)>,
+    by_photo: Owners,
+}
+
+/// Files by the keys of the photos that they may belong to.
+#[derive(Default)]
+struct Owners(HashMap<String, Vec<PathBuf>>);
+
+impl Owners {
+    fn add(&mut self, mut owners: Vec<String>, path: &Path) {
+        owners.sort();
+        owners.dedup();
+        for owner in owners {
+            self.0.entry(owner).or_default().push(path.to_owned());
+        }
+    }
+
+    fn of(&self, key: &str) -> &[PathBuf] {
+        self.0.get(key).map_or(&[], Vec::as_slice)
+    }
+}
+
+impl MaskFolder {
+    fn of(folder: &Path) -> Self {
+        let (files, mut by_photo) = (files(folder), Owners::default());
+        for (name, path) in &files {
+            let mut owners = belongs_to(name, false);
+            // In a folder of masks, what names no other owner is named like its photo, once or twice: x.jpg.png.
+            owners.push(key(name));
+            owners.push(key(&key(name)));
+            by_photo.add(owners, path);
+        }
+        Self { path: folder.to_owned(), files, by_photo }
+    }
+}
+
+/// The masks that go with one folder of photos.
+struct FolderMasks {
+    images: PathBuf,
+    folder: Option<Rc<MaskFolder>>,
+    own: OnceCell<Own>,
+    /// The folder that holds the photos' folder, within the capture.
+    beside: Option<PathBuf>,
+    /// The photo that was asked for first.
+    first: OnceCell<String>,
+}
+
+/// What a folder of photos holds.
+#[derive(Default)]
+struct Own {
+    /// Masks among its photos.
+    by_photo: Owners,
+    /// Number of photos by the last parts of their keys.
+    photos: HashMap<String, usize>,
+}
+
+impl FolderMasks {
+    /// The masks of the photos in `images`, which lies in the folder `above` or is it.
+    fn of(above: &Path, images: &Path, held: &mut Held) -> Self {
+        let beside = images.parent().filter(|parent| *parent == above).map(Path::to_owned);
+        let (own, first) = (OnceCell::new(), OnceCell::new());
+        Self { images: images.to_owned(), folder: held.folder(above, images), own, beside, first }
+    }
+
+    /// The mask of the photo `name`: in the mask folder as name.png, name.jpg.png or the name itself, otherwise under any
+    /// name there or beside the photo that says whose it is. True with it if there is one that may be several photos'.
+    fn find(&self, name: &str) -> (Option<PathBuf>, bool) {
+        self.first.get_or_init(|| name.to_owned());
+        let plain = self.folder.as_ref().map(|folder| folder.path.join(name));
+        let mut usual = plain.into_iter().flat_map(|p| [appended(&p, "png"), p.with_extension("png"), p]);
+        if let Some(found) = usual.find(|p| p.is_file()) {
+            return (Some(found), false);
+        }
+        let own = self.own.get_or_init(|| Own::of(&self.images));
+        let key = key(name);
+        let of = |key: &str| {
+            let beside = self.folder.as_ref().map_or(&[][..], |folder| folder.by_photo.of(key));
+            match (beside, own.by_photo.of(key)) {
+                ([only], []) | ([], [only]) => Some(only.clone()),
+                _ => None,
+            }
+        };
+        // A mask of the name alone is no photo's if folders have photos of that name.
+        let alone = own.photos.get(last(&key)).is_none_or(|photos| *photos < 2);
+        let by_name = of(last(&key)).filter(|_| key != last(&key));
+        let doubtful = by_name.is_some() && !alone;
+        (of(&key).or(by_name.filter(|_| alone)), doubtful)
+    }
+
+    /// True if the name of the mask folder is that of the photos' folder, so that it is no other's.
+    fn is_named(&self) -> bool {
+        self.folder.as_ref().is_some_and(|folder| is_named_after(&folder.path, &self.images))
+    }
+
+    /// A note on a mask folder none of whose files belongs to a photo.
+    fn unmatched(&self) -> Option<String> {
+        let MaskFolder { path, files, .. } = &**self.folder.as_ref()?;
+        let Some((first, _)) = files.first() else {
+            let mut unread = fs::read_dir(path).into_iter().flatten().flatten();
+            let first = unread.next()?.file_name().to_string_lossy().into_owned();
+            return Some(format!("no mask used: {} holds no pictures that are read (but {first})", path.display()));
+        };
+        let number = counted(files.len(), "file");
+        Some(format!("no mask used: {} holds {number} such as {first}, none with a photo's name", path.display()))
+    }
+
+    /// A note on a folder beside the photos' that has a grey picture of a photo's name, and holds no photos itself.
+    fn other_folder(&self, holds_photos: impl Fn(&Path) -> bool) -> Option<String> {
         let photo = self.first.get()?;
         let grey = |path: PathBuf| matches!(color_type(&path), Some(ColorType::L8 | ColorType::La8));
         if grey(self.images.join(photo)) {
@@ -101,39 +295,31 @@ impl Masks {
             let same = folder.join(photo);
             grey(same.with_extension("png")) || grey(same)
         };
-        let folder = folders.filter(|folder| *folder != self.images).filter(meant).min()?;
+        let folder = folders.filter(|folder| !holds_photos(folder)).filter(meant).min()?;
         Some(format!("no masks: if {} holds them, name it masks", folder.display()))
     }
 }
 
-impl Index {
-    fn of(masks: Option<&Path>, images: &Path) -> Self {
-        let mut index = Self::default();
-        if let Some(folder) = masks {
-            for (name, path) in files(folder) {
-                let mut owners = belongs_to(&name, false);
-                // In a folder of masks, what names no other owner is named like its photo, once or twice: x.jpg.png.
-                owners.push(key(&name));
-                owners.push(key(&key(&name)));
-                index.add(owners, &path);
-            }
-        }
+impl Own {
+    fn of(images: &Path) -> Self {
+        let mut own = Self::default();
         for (name, path) in files(images) {
-            index.add(belongs_to(&name, false), &path);
+            own.by_photo.add(belongs_to(&name, false), &path);
         }
         for name in PhotoTree::whole(images).names {
-            *index.photos.entry(last(&key(&name)).to_owned()).or_default() += 1;
+            *own.photos.entry(last(&key(&name)).to_owned()).or_default() += 1;
         }
-        index
+        own
     }
+}
 
-    fn add(&mut self, mut owners: Vec<String>, path: &Path) {
-        owners.sort();
-        owners.dedup();
-        for owner in owners {
-            self.by_photo.entry(owner).or_default().push(path.to_owned());
-        }
-    }
+/// True for the mask folder L_mask or masks_L of photos in L.
+fn is_named_after(masks: &Path, images: &Path) -> bool {
+    let lower = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let (masks, images) = (lower(masks), lower(images));
+    let rest = ["masks_", "mask_"].iter().find_map(|word| masks.strip_prefix(word));
+    let rest = rest.or_else(|| ["_masks", "_mask"].iter().find_map(|word| masks.strip_suffix(word)));
+    !images.is_empty() && rest == Some(images.as_str())
 }
 
 /// The photos below a folder, by their paths within it.
@@ -153,44 +339,13 @@ fn files(folder: &Path) -> Vec<(String, PathBuf)> {
     found
 }
 
-/// The mask folder that goes with a photo folder: `images_4` has `masks_4`, else `masks` or `mask`, beside it or in it; upper or
-/// lower case.
-fn folder(root: &Path, images: &Path) -> Option<PathBuf> {
-    let beside = images.parent().filter(|_| images.starts_with(root) && images != root).unwrap_or(root);
-    let name = images.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-    let scaled = name.strip_prefix("images").map(|suffix| format!("masks{suffix}"));
-    let usual = scaled.into_iter().chain(["masks".to_owned()]).map(|m| beside.join(m)).find(|p| p.is_dir());
-    usual.or_else(|| {
-        let mut others: Vec<PathBuf> = [beside, images]
-            .into_iter()
-            .filter_map(|place| fs::read_dir(place).ok())
-            .flatten()
-            .flatten()
-            .filter(|e| is_mask_folder(&e.file_name().to_string_lossy().to_lowercase()) && e.path().is_dir())
-            .map(|e| e.path())
-            .collect();
-        others.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
-        others.into_iter().next()
-    })
-}
-
 /// Finds masks of photos by their names in the folder `images`: in the mask folder beside it, or within it where that is
-/// the whole capture; otherwise in the folder of masks beside the photo itself. Masks that hide where they are white are none.
+/// the whole capture; otherwise in a folder of masks beside the photo itself or a folder that holds it. Masks that hide where they
+/// are white are none.
 pub fn masks_of(images: &Path) -> impl Fn(&str) -> Option<PathBuf> {
-    let images = images.to_owned();
     let own = images.file_name().is_some_and(|n| n == "input" || n.to_string_lossy().starts_with("images"));
-    let capture = images.parent().filter(|_| own).unwrap_or(&images);
-    let all = Masks::of(capture, &images);
-    let beside = RefCell::new(HashMap::new());
-    move |name| {
-        all.find(name)
-            .or_else(|| {
-                let photo = images.join(name);
-                let folder = photo.parent()?.to_owned();
-                let mut beside = beside.borrow_mut();
-                let masks = beside.entry(folder).or_insert_with_key(|folder| Masks::of(folder, folder));
-                masks.find(photo.file_name()?.to_str()?)
-            })
-            .filter(|mask| !hides_where_white(mask))
-    }
+    let capture = images.parent().filter(|_| own).unwrap_or(images);
+    let names = PhotoTree::whole(images).names;
+    let masks = Masks::of(capture, images, names.iter().map(String::as_str));
+    move |name| masks.find(name).filter(|mask| !hides_where_white(mask))
 }

@@ -14,9 +14,11 @@ mod kinds;
 mod lookup;
 mod masks;
 mod names;
+mod notes;
 mod place;
 mod point_ply;
 mod pose;
+mod repeated;
 mod transforms;
 mod tree;
 
@@ -27,20 +29,20 @@ pub use kinds::is_video_name;
 pub use masks::masks_of;
 pub use tree::{PhotoTree, photo_names};
 
+use std::collections::HashMap;
 use std::collections::hash_map::Entry;
-use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 use self::place::{Place, Poses};
 use super::faces::{self, Cut};
 use super::lens::{Lens, LensModel, Pinhole, VISIBLE_DISPLACEMENT};
 use super::merge::merge_repeated;
-use super::near::near;
+use super::near;
 use super::view::{FOLDED, Role, View};
-use super::{Error, Names, OpenOptions, Point, Scene, SceneKind, Skipped, median};
+use super::{Error, Names, OpenOptions, Point, Scene, SceneKind, Skipped};
 use crate::wording::counted;
 
 /// The contents of a scene's files.
@@ -53,6 +55,8 @@ struct Listing {
     skipped: Skipped,
     /// The folder of the photos, if it is the capture's own.
     photos: Option<PathBuf>,
+    /// Photos of views that were left out.
+    left_out: Vec<PathBuf>,
 }
 
 /// A view as listed; tracks refer to it by `id`.
@@ -123,15 +127,15 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let source = listing.source.clone();
     listing.views.sort_by(|a, b| a.name.cmp(&b.name));
     let mut skipped = listing.skipped;
-    let mut listed = drop_repeated(listing.views, &source, &mut skipped)?;
-    unshare(&listing.root, &mut listed);
+    let mut listed = repeated::drop_repeated(listing.views, &source, &mut skipped)?;
+    repeated::unshare(&listing.root, &mut listed);
     if listed.is_empty() {
         let what = skipped.summary().join("; ");
         let what = if what.is_empty() { "it lists none".to_owned() } else { what };
         return Err(Error::NoViews { path: source, what });
     }
     if let Some(folder) = &listing.photos {
-        unposed(folder, &listed, &mut skipped);
+        notes::unposed(folder, (&listed, &listing.left_out), &mut skipped);
     }
     if listed.iter().any(|view| view.mask.is_some()) {
         let mut whole = Names::default();
@@ -142,8 +146,8 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     if let Some(asked) = &options.depth {
         find_depths(&files::image_folder(&listing.root, asked)?, &mut listed, &mut skipped);
     }
-    skipped.notes.extend(off_middle(&listed));
-    let mut numbered = finish(listed, &source, options)?;
+    skipped.notes.extend(notes::off_middle(&listed));
+    let mut numbered = finish(listed, &source, options, &mut skipped)?;
     numbered.sort_by(|(_, a), (_, b)| a.name.cmp(&b.name));
     let mut numbers: HashMap<u32, Vec<u32>> = HashMap::new();
     for (i, (id, _)) in numbered.iter().enumerate() {
@@ -168,15 +172,15 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let listed = points.len();
     let points = merge_repeated(points);
     skipped.repeated_points = listed - points.len();
-    skipped.notes.extend(unseen(&views, &points));
-    skipped.notes.extend(outlying(&views));
+    skipped.notes.extend(notes::unseen(&views, &points));
+    skipped.notes.extend(notes::outlying(&views));
     if options.pole_mask > 0.0 && views.iter().all(|view| view.face.is_none()) {
         skipped.notes.push("there are no panoramas: --pole-mask masks nothing".to_owned());
     }
-    let near = near(&views, &points);
-    let origin = DVec3::ZERO;
+    let size = near::size(&views, &points);
+    let (near, origin) = (near::near(size), DVec3::ZERO);
     let Listing { kind, root, .. } = listing;
-    Ok(Scene { kind, root, source, views, points, skipped, near, unit: 1.0, origin }.move_near())
+    Ok(Scene { kind, root, source, views, points, skipped, near, unit: 1.0, origin }.move_near(size))
 }
 
 /// Finds the depth maps of views in a folder; one that may be that of several photos is none's.
@@ -199,143 +203,17 @@ fn find_depths(folder: &Path, views: &mut [ListedView], skipped: &mut Skipped) {
     }
 }
 
-/// A note if most views see none of the points, of which some are looked at; points with tracks are seen.
-fn unseen(views: &[View], points: &[Point]) -> Option<String> {
-    const LOOKED_AT: usize = 2000;
-    if points.iter().any(|point| !point.track.is_empty()) || points.is_empty() {
-        return None;
-    }
-    let some = points.iter().step_by(points.len().div_ceil(LOOKED_AT));
-    let blind = |view: &&View| view.face.is_none() && !some.clone().any(|point| view.camera.shows(point.position));
-    let count = views.iter().filter(blind).count();
-    (2 * count > views.len()).then(|| {
-        format!(
-            "{count} of {} see none of the points: do cameras and points lie in one world, and do the poses have the axes and the \
-             direction (camera to world or back) of their format?",
-            counted(views.len(), "view")
-        )
-    })
-}
-
-/// A note on cameras far from all others: rates of training are relative to the extent of all cameras.
-fn outlying(views: &[View]) -> Option<String> {
-    const FAR: f64 = 100.0;
-    if views.len() < 5 {
-        return None;
-    }
-    let centres: Vec<DVec3> = views.iter().map(|view| view.camera.centre()).collect();
-    let usual =
-        |of: &dyn Fn(&DVec3) -> f64| median(&mut centres.iter().map(of).collect::<Vec<_>>()).unwrap_or_default();
-    let middle = DVec3::new(usual(&|c| c.x), usual(&|c| c.y), usual(&|c| c.z));
-    let usual = usual(&|c| c.distance(middle));
-    let mut names = Names::default();
-    let far = views.iter().zip(&centres).filter(|(_, c)| usual > 0.0 && c.distance(middle) > FAR * usual);
-    far.for_each(|(view, _)| names.add_photo(view));
-    let views = counted(names.count, "camera");
-    (names.count > 0).then(|| {
-        format!("{views} more than {FAR} times as far out as half of them: leave out, or pose again ({names})")
-    })
-}
-
-/// Distance of a principal point from the middle, as a share of the side, from which it is told: crops have such, cameras do not.
-const OFF_MIDDLE: f64 = 0.33;
-
-/// A note if the principal points of most views lie far from the middle.
-fn off_middle(views: &[ListedView]) -> Option<String> {
-    let off = |lens: &Lens| {
-        let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
-        ((lens.principal - 0.5 * size) / size).abs().max_element() > OFF_MIDDLE
-    };
-    let mut names = Names::default();
-    views.iter().filter(|view| off(&view.lens)).for_each(|view| names.add(&view.name));
-    let photos = counted(names.count, "photo");
-    (2 * names.count > views.len()).then(|| {
-        format!("{photos} with a principal point far from the middle: unless they are crops, correct cx and cy, or w and h ({names})")
-    })
-}
-
-/// Counts the photos in `folder` that no view has, and those that cannot be read.
-fn unposed(folder: &Path, views: &[ListedView], skipped: &mut Skipped) {
-    let known: HashSet<&Path> = views.iter().map(|view| view.image.as_path()).collect();
-    let mut tree = PhotoTree::of(folder);
-    tree.unread.retain(|name| !known.contains(folder.join(name).as_path()));
-    // Each may be the other's extension: a.jpg for a.png.
-    for name in tree.names.iter().filter(|name| !known.contains(folder.join(name).as_path())) {
-        skipped.unposed_images.add(name);
-    }
-    skipped.notes.extend(tree.notes());
-}
-
-/// Drops views listed twice with the same fields; refuses a name with two poses or cameras, as either may be wrong.
-/// Views listed for training and for test have no role.
-fn drop_repeated(views: Vec<ListedView>, source: &Path, skipped: &mut Skipped) -> Result<Vec<ListedView>, Error> {
-    let mut kept: Vec<ListedView> = Vec::with_capacity(views.len());
-    let mut split_copies = 0_usize;
-    for view in views {
-        match kept.last_mut() {
-            Some(last) if last.name == view.name => {
-                if last.pose != view.pose || last.lens != view.lens {
-                    return Err(Error::malformed(
-                        source,
-                        format!("image {:?}", view.name),
-                        "is listed twice, with different poses or cameras; remove the wrong entry",
-                    ));
-                }
-                if last.role == view.role {
-                    skipped.repeated_views.add(&view.name);
-                } else if last.role != Role::Unsaid {
-                    split_copies += 1;
-                    last.role = Role::Unsaid;
-                }
-            }
-            _ => kept.push(view),
-        }
-    }
-    if split_copies > 0 {
-        let views = counted(split_copies, "view");
-        skipped.notes.push(format!("{views} listed for training and for test, which is no split"));
-    }
-    Ok(kept)
-}
-
-/// No file is the photo of two views, where one of them is absent: the view that names it as it is keeps it, or else the first. Where
-/// only the last part of their names ties two views to one file, it is the photo of neither.
-fn unshare(root: &Path, views: &mut [ListedView]) {
-    let mut twins: HashMap<String, Vec<usize>> = HashMap::new();
-    for (i, view) in views.iter().enumerate().filter(|(_, view)| view.name.contains('/')) {
-        twins.entry(names::key(names::last(&view.name))).or_default().push(i);
-    }
-    let named = |view: &ListedView| names::folder_key(&view.name);
-    let doubtful = |i: &usize, twins: &[usize]| {
-        let view = &views[*i];
-        let other =
-            |twin: &ListedView| named(twin) != named(view) && (twin.image == view.image || !twin.image.is_file());
-        names::folder_key(&view.image.to_string_lossy()) != named(view) && twins.iter().any(|j| other(&views[*j]))
-    };
-    let all = twins.values().filter(|twins| twins.len() > 1);
-    let doubtful: Vec<usize> =
-        all.flat_map(|twins| twins.iter().copied().filter(|i| doubtful(i, twins)).collect::<Vec<_>>()).collect();
-    for i in doubtful {
-        let view = &mut views[i];
-        view.image = view.image.with_file_name(&view.name); // which is not there
-    }
-    let named = |view: &ListedView| names::last(&view.name) == view.image.file_name().unwrap_or_default();
-    let mut order: Vec<&mut ListedView> = views.iter_mut().collect();
-    order.sort_by_key(|view| !named(view)); // stable
-    let mut taken = HashSet::new();
-    for view in order {
-        if !taken.insert(view.image.clone()) {
-            let own = view.image.with_file_name(names::last(&view.name));
-            view.image = if own.is_file() { root.join(&view.name) } else { own };
-        }
-    }
-}
-
 /// The views with their ids and ideal cameras, at the real size of their photo if it is present and of the camera's shape.
 /// Photos that no pinhole can show are cut.
-fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Result<Vec<(u32, View)>, Error> {
+fn finish(
+    listed: Vec<ListedView>,
+    source: &Path,
+    options: &OpenOptions,
+    skipped: &mut Skipped,
+) -> Result<Vec<(u32, View)>, Error> {
     let sizes: Vec<_> = listed.par_iter().map(|view| files::photo_size(&view.image)).collect();
-    let mut known: HashMap<Vec<u64>, Ideal> = HashMap::new(); // most scenes have few lenses, and many views
+    let mut folded = Names::default();
+    let mut known: HashMap<Vec<u64>, Option<Ideal>> = HashMap::new(); // most scenes have few lenses, and many views
     let mut views = Vec::with_capacity(listed.len());
     for (view, photo_size) in listed.into_iter().zip(sizes) {
         let lens = match photo_size {
@@ -353,11 +231,11 @@ fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Resu
         }
         let ideal = match known.entry(lens.key()) {
             Entry::Occupied(known) => known.into_mut(),
-            Entry::Vacant(new) => {
-                let ideal = Ideal::of(&lens, options);
-                let folded = || Error::malformed(source, format!("camera of image {:?}", view.name), FOLDED);
-                new.insert(ideal.ok_or_else(folded)?)
-            }
+            Entry::Vacant(new) => new.insert(Ideal::of(&lens, options)),
+        };
+        let Some(ideal) = ideal else {
+            folded.add(&view.name);
+            continue;
         };
         let mut finished = View::new(view.name, lens, view.pose, ideal.pinhole);
         finished.image = view.image;
@@ -373,6 +251,13 @@ fn finish(listed: Vec<ListedView>, source: &Path, options: &OpenOptions) -> Resu
         } else {
             views.extend(ideal.faces.iter().map(|face| (view.id, finished.cut(face, options.pole_mask.to_radians()))));
         }
+    }
+    if folded.count > 0 {
+        let photos = counted(folded.count, "photo");
+        if views.is_empty() {
+            return Err(Error::malformed(source, format!("the cameras of {photos} ({folded})"), FOLDED));
+        }
+        skipped.notes.push(format!("{photos} left out ({folded}): {FOLDED}"));
     }
     Ok(views)
 }

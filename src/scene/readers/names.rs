@@ -1,5 +1,6 @@
 //! Names of photos: how captures write them, how file systems do, and which files only belong to a photo.
 
+use crate::extension::has_extension;
 use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::Path;
@@ -7,11 +8,12 @@ use std::path::Path;
 use unicode_normalization::UnicodeNormalization;
 
 use super::kinds::{is_photo_name, unread_format};
+use super::tree::reduction;
 
 /// Files and folders that make their folder a scene with poses.
 const SCENES: [&str; 5] = ["sparse", "cameras.bin", "cameras.txt", "transforms.json", "transforms_train.json"];
-/// Files that make their folder a result of this program.
-const RESULTS: [&str; 3] = ["pose.json", "config.toml", "metrics.json"];
+/// Files that make their folder a result of this program, or a model whose parts are pictures.
+const RESULTS: [&str; 4] = ["pose.json", "config.toml", "metrics.json", "means_l.webp"];
 
 /// Words of a name, in lower case, that say that a file belongs to a photo and is none itself; those of maps only
 /// where a file holds numbers without loss.
@@ -34,6 +36,24 @@ pub(super) fn relative(path: &str) -> String {
     path[if drive { 2 } else { 0 }..].trim_start_matches('/').to_owned()
 }
 
+/// The name with escapes such as %20 decoded; none if it has none.
+pub(super) fn unescaped(name: &str) -> Option<String> {
+    let (mut bytes, mut rest) = (Vec::new(), name.as_bytes());
+    while let Some((first, more)) = rest.split_first() {
+        let code = more.get(..2).and_then(|hex| u8::from_str_radix(std::str::from_utf8(hex).ok()?, 16).ok());
+        let (byte, after) = if *first == b'%'
+            && let Some(code) = code
+        {
+            (code, &more[2..])
+        } else {
+            (*first, more)
+        };
+        bytes.push(byte);
+        rest = after;
+    }
+    String::from_utf8(bytes).ok().filter(|plain| plain != name)
+}
+
 /// The last part of a path with forward slashes.
 pub(super) fn last(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
@@ -41,7 +61,11 @@ pub(super) fn last(path: &str) -> &str {
 
 /// Key of the folder that a path's last part lies in; empty without one.
 pub(super) fn folder_key(path: &str) -> String {
-    tidy(path).rsplit_once('/').map_or_else(String::new, |(folder, _)| key(last(folder)))
+    let path = tidy(path);
+    let folder = path.rsplit_once('/').map_or("", |(folder, _)| last(folder));
+    let folder = key(&unescaped(folder).unwrap_or_else(|| folder.to_owned()));
+    // Copies stand for the photos.
+    if reduction(&folder) > 1 { "images".to_owned() } else { folder }
 }
 
 /// Keys of the last parts of names that photos in different folders share.
@@ -74,8 +98,7 @@ pub(super) fn key(path: &str) -> String {
 /// The keys of photos that a file may belong to as its mask, or as its depth map or the like if `maps`; none if its name
 /// does not say that it does.
 pub(super) fn belongs_to(path: &str, maps: bool) -> Vec<String> {
-    let lossless =
-        Path::new(path).extension().is_some_and(|e| LOSSLESS.iter().any(|known| e.eq_ignore_ascii_case(known)));
+    let lossless = has_extension(Path::new(path), &LOSSLESS);
     let key = key(path);
     let (folder, stem) = key.rsplit_once('/').map_or(("", key.as_str()), |(f, s)| (f, s));
     let within = |name: &str| if folder.is_empty() { name.to_owned() } else { format!("{folder}/{name}") };

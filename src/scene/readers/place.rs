@@ -1,6 +1,6 @@
 //! Location of a scene's poses: the given folder, or a subfolder.
 
-use std::ffi::OsStr;
+use crate::extension::has_extension;
 use std::path::{Path, PathBuf};
 
 use super::files::child;
@@ -45,8 +45,7 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
         None => Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR, beside },
     };
     if path.is_file() && !is_part(path) {
-        let is_json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
-        if is_json && instead(path).is_none() {
+        if has_extension(path, &["json"]) && instead(path).is_none() {
             return Ok(Place::of(folder, Poses::Transforms(path.to_owned())));
         }
         return Err(nothing(String::new()));
@@ -80,9 +79,8 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
 
 /// True for the path of a COLMAP model's file.
 fn is_part(path: &Path) -> bool {
-    let is =
-        |part: Option<&OsStr>, known: &[&str]| part.is_some_and(|p| known.iter().any(|k| p.eq_ignore_ascii_case(k)));
-    is(path.file_stem(), &["cameras", "images", "points3D"]) && is(path.extension(), &["bin", "txt"])
+    let named = |name: &&str| path.file_stem().is_some_and(|stem| stem.eq_ignore_ascii_case(name));
+    ["cameras", "images", "points3D"].iter().any(named) && has_extension(path, &["bin", "txt"])
 }
 
 /// A clause on the poses beside a folder of photos.

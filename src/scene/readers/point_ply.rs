@@ -31,9 +31,13 @@ fn points(bytes: &[u8]) -> Result<Vec<ListedPoint>, Fault> {
     let colour = Colour::of(vertices);
     let rows = || vertices.rows().chunks_exact(vertices.stride);
     let shown: Vec<[f64; 3]> = rows().map(|row| colour.shown(row)).collect();
-    // Floats are shares of white, or count to 255 as bytes do.
+    // Floats are shares of white, or count to 255 as bytes do; so do numbers of 16 bits at times.
     let brightest = shown.as_flattened().iter().copied().fold(0.0, f64::max);
-    let white = if brightest > MOST_SHARE { 1.0 } else { 255.0 };
+    let white = match colour {
+        Colour::Three(_, most) if most > 255.0 && brightest * most <= 255.0 => most,
+        _ if brightest > MOST_SHARE => 1.0,
+        _ => 255.0,
+    };
     let point = |(row, shown): (&[u8], [f64; 3])| ListedPoint {
         position: DVec3::new(x.value(row), y.value(row), z.value(row)),
         // Models of Gaussians have zeros here.

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::files::photo_size;
 use super::kinds::{is_photo_name, unread_format};
 use super::names::{belongs_to, has_owner, is_scene, key, last};
 use crate::scene::Names;
@@ -89,7 +90,7 @@ impl PhotoTree {
         if !tree.names.iter().all(|name| is_product(name)) {
             tree.aside.extend(tree.names.extract_if(.., |name| is_product(name)));
         }
-        tree.drop_copies();
+        tree.drop_copies(folder);
         tree.names.sort();
         tree.left_out.sort();
         tree.aside.sort();
@@ -109,8 +110,8 @@ impl PhotoTree {
     }
 
     /// Of folders with the same photos twice, keeps one: corrected_images before images, images before images_2, that before
-    /// images_4.
-    fn drop_copies(&mut self) {
+    /// images_4. Of other names, those ending in _2 hold copies if these are half as large: there are cameras of such names.
+    fn drop_copies(&mut self, root: &Path) {
         let mut held: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
         for name in &self.names {
             let folder = name.rsplit_once('/').map_or("", |(folder, _)| folder);
@@ -120,10 +121,15 @@ impl PhotoTree {
         for (folder, photos) in &held {
             let (above, own) = folder.rsplit_once('/').map_or(("", *folder), |(above, own)| (above, own));
             let beside = |name: &str| if above.is_empty() { name.to_owned() } else { format!("{above}/{name}") };
-            let scaled = own.rsplit_once('_').filter(|(_, n)| n.parse::<u32>().is_ok()).map(|(whole, _)| beside(whole));
-            let larger = (1..reduction(own).ilog2()).map(|power| beside(&format!("images_{}", 1 << power)));
-            let better = scaled.into_iter().chain(larger).chain([beside(&format!("corrected_{own}"))]);
+            let scaled = own.rsplit_once('_').and_then(|(whole, n)| Some((beside(whole), n.parse::<u32>().ok()?)));
             let same = |other: &String| held.get(other.as_str()).is_some_and(|others| photos.is_subset(others));
+            let is_smaller = |(whole, factor): &(String, u32)| {
+                own.starts_with("images_") || (same(whole) && self.is_reduced(root, (folder, whole), *factor))
+            };
+            let scaled = scaled.filter(is_smaller).map(|(whole, _)| whole);
+            let larger = (1..reduction(own).ilog2()).map(|power| beside(&format!("images_{}", 1 << power)));
+            let corrected = (own == "images").then(|| beside("corrected_images"));
+            let better = scaled.into_iter().chain(larger).chain(corrected);
             if !own.is_empty() && better.into_iter().any(|other| same(&other)) {
                 copies.push((*folder).to_owned());
             }
@@ -131,6 +137,21 @@ impl PhotoTree {
         let is_copy = |name: &String| name.rsplit_once('/').is_some_and(|(f, _)| copies.iter().any(|copy| copy == f));
         self.names.retain(|name| !is_copy(name));
         self.left_out.extend(copies);
+    }
+
+    /// True if the first photo of a folder is this many times smaller than that of the same name in another, up to rounding.
+    fn is_reduced(&self, root: &Path, (folder, whole): (&str, &str), factor: u32) -> bool {
+        let within =
+            |name: &String, folder: &str| name.strip_prefix(folder).and_then(|rest| rest.strip_prefix('/')).map(key);
+        let Some((name, photo)) = self.names.iter().find_map(|name| Some((name, within(name, folder)?))) else {
+            return false;
+        };
+        let other = self.names.iter().find(|other| within(other, whole).as_ref() == Some(&photo));
+        let size = |name: &String| photo_size(&root.join(name));
+        let sizes = size(name).zip(other.and_then(size));
+        sizes.is_some_and(|((w, h), (wide, high))| {
+            [(w, wide), (h, high)].into_iter().all(|(s, l)| (s.saturating_mul(factor)).abs_diff(l) <= factor)
+        }) && factor > 1
     }
 
     /// Notes on files that are not used as photos.

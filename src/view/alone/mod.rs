@@ -3,6 +3,7 @@
 //! The page contains the model as SPZ 3, whose bytes the vertex shader unpacks; a worker sorts by depth; quads are
 //! blended back to front. Projection, colour, dilation and anti-aliasing follow `glsl/render/project.comp`.
 
+use super::subject::pose;
 use crate::gaussians::formats::{self, SpzVersion};
 use crate::gaussians::outline::outline;
 use crate::gaussians::{Error, Gaussians};
@@ -11,7 +12,7 @@ use crate::scene::camera::Camera;
 use crate::scene::orbit::{Look, Outline, UP};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -127,14 +128,6 @@ fn scene(model: &Gaussians, options: &PageOptions) -> Value {
             [aspect, framing.height, framing.distance]
         })
         .collect();
-    let start = options.start.as_ref().map(|camera| {
-        let turn = DQuat::from_mat3(&camera.rotation.transpose());
-        json!({
-            "position": camera.centre().to_array(),
-            "rotation": [turn.w, turn.x, turn.y, turn.z],
-            "fov": 2.0 * (0.5 * f64::from(camera.height) / camera.focal.y).atan(),
-        })
-    });
     let Look { fov, elevation, .. } = look(1.0);
     // Level from the middle to the first camera of an orbit.
     let eye = outline.camera(0.0, &look(1.0)).centre() - outline.centre;
@@ -146,7 +139,7 @@ fn scene(model: &Gaussians, options: &PageOptions) -> Value {
         "fov": fov,
         "elevation": elevation,
         "framings": framings,
-        "start": start,
+        "start": options.start.as_ref().map(pose),
         "background": options.background,
         "dilation": settings.dilation,
         "antialiased": options.style.antialias,

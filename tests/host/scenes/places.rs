@@ -100,6 +100,14 @@ fn angles_in_degrees_and_other_files_are_named() {
     assert!(refused(with(degrees).path()).contains("34.2 is no angle of view in radians"));
     let other = with(br#"[{"cameras": {}, "shots": {}}]"#.to_vec());
     assert!(refused(other.path()).contains("has no list \"frames\""));
+    // The field is named, whether it is no number at all or one that JSON does not know.
+    for (field, value) in [("k1", "\"0.1\""), ("cx", "NaN"), ("fl_x", "Infinity"), ("distortion_params[1]", "[0, {}]")]
+    {
+        let name = field.split('[').next().unwrap();
+        let top = format!(r#"{}, "{name}": {value}"#, TOP.replacen("fl_x", "fx", 1));
+        let said = refused(with(transforms(&top, &NAMES)).path());
+        assert!(said.contains(&format!("{field}: invalid type")), "{said}");
+    }
 }
 
 #[test]

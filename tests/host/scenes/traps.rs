@@ -130,6 +130,7 @@ fn files_that_a_capture_names_are_found_and_lists_that_name_nothing_are_told() {
         ("Seg/A.PNG", "Cloud/P.ply"),
         ("/home/me/scan/seg/a.png", "/home/me/scan/cloud/p.ply"),
         (r"C:\\scan\\seg\\a.png", r".\\cloud\\p.ply"),
+        ("seg%2Fa.png", "%63loud/p.ply"),
     ] {
         let top = format!(r#"{TOP}, "ply_file_path": "{cloud}""#);
         let scene =

@@ -31,6 +31,8 @@ fn a_wrong_command_line_is_usage() {
         with(&["--orbit", "2", "--format", "npy", "--transparent"]),
         with(&["--orbit", "2", "--fps", "25"]),
         with(&["--orbit", "2", "--at", "0,0,0"]),
+        with(&["--path", "orbit", "--elevation", "10", "--resolution", "/4"]),
+        with(&["--path", "orbit", "--fov", "20", "--images", "images_4"]),
         with(&["--scene", "scene", "--resolution", "/0"]),
         with(&["--scene", "scene", "--size", "5x5"]),
         with(&["--scene", "scene", "--images", "images_4"]),
@@ -43,6 +45,12 @@ fn a_wrong_command_line_is_usage() {
         vec!["convert", "model.ply", "model.sog", "--spz-version", "3"],
         vec!["compress", "model.ply", "-o", "small.ply", "--report", "./small.ply"],
         vec!["eval", "model.ply", "--against", "model.ply", "--pole-mask", "20"],
+        vec!["compress", "model.ply", "-o", "small.ply", "--views", "16", "--eval-every", "4"],
+        vec!["compress", "model.ply", "-o", "small.ply", "--up", "y", "--resolution", "100"],
+        vec!["edit", "model.ply", "-o", "cut.ply", "--min-opacity", "0.1", "--dilation", "0.1"],
+        vec!["device", "--tune", "9", "--fingerprint"],
+        vec!["run", "scene", "-o", "out", "--antialias", "--effect", "antialias=off"],
+        vec!["run", "scene", "-o", "out", "--sh-degree", "1", "--effect", "view_dependence=off"],
         vec!["run", "scene", "-o", "out", "--no-prune", "--keep", "0.2"],
         vec!["run", "scene", "-o", "out", "--no-prune", "--schedule", "one-shot"],
         vec!["shard", "plan", "run", "scene", "-o", "out", "--no-prune", "--selector", "css"],
@@ -50,6 +58,9 @@ fn a_wrong_command_line_is_usage() {
         sandbox.fails(2, &arguments, &[]);
     }
     assert!(!sandbox.path("out").exists());
+    // The checkpoint of a comparison is no interrupted run's.
+    fs::create_dir_all(sandbox.path("out/arms")).unwrap();
+    sandbox.fails(2, &["run", "scene", "-o", "out", "--resume"], &["holds a comparison"]);
     assert_eq!(formats::read(&sandbox.path("model.ply")).unwrap().gaussians, model(20));
 }
 

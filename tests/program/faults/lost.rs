@@ -53,7 +53,7 @@ fn lost_at_any_moment_a_run_ends_with_the_same_bytes() {
     let all = ["submit", "wait"].map(|call| calls(&mut run(&folder.path().join(call), &[]), call));
     println!("submissions and waits: {all:?}");
     let mut stages = Vec::new();
-    for (k, part) in [0.0, 0.02, 0.25, 0.45, 0.75, 0.97].into_iter().enumerate() {
+    for (k, part) in [0.0, 0.25, 0.75, 0.97].into_iter().enumerate() {
         let (call, all) = [("submit", all[0]), ("wait", all[1])][k % 2];
         let out = folder.path().join(k.to_string());
         let number = 1 + (part * all as f64) as u64;
@@ -61,10 +61,9 @@ fn lost_at_any_moment_a_run_ends_with_the_same_bytes() {
         whole(&out);
         stages.push(reached(&out));
         println!("{call} {number}: {}", reached(&out));
-        // And again some way on.
-        let again = end(with_fault(&mut run(&out, &["--resume"]), "submit", 1 + all / 6, "lost"));
-        if again.code != Some(0) {
-            is_lost(again);
+        if k == 1 {
+            // And again some way on.
+            is_lost(end(with_fault(&mut run(&out, &["--resume"]), "submit", 1 + all / 6, "lost")));
             whole(&out);
         }
         works(&mut run(&out, &["--resume"]));

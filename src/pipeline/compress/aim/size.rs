@@ -160,18 +160,17 @@ impl<T: Trials> Search<'_, T> {
         }
         let each = (best.bytes as f64 - self.fixed).max(1.0) / best.gaussians as f64;
         let more = ((wanted - best.bytes as f64) / each) as usize;
-        let mut tries = vec![(best.rung, (best.gaussians + more).min(self.whole))];
-        if (best.bytes as f64) < LEAST_SHARE * size as f64 {
+        let (rung, gaussians) = if (best.bytes as f64) < LEAST_SHARE * size as f64 {
             // Files of few Gaussians grow by leaps: then finer settings of the same ones fill the rest.
             let gaussians = self.fill(best.rung, size, (best.gaussians + more) as f64)?.unwrap_or(best.gaussians);
-            tries = vec![(self.finest(best.rung, gaussians, size)?, gaussians)];
-        }
-        for (rung, gaussians) in tries {
-            if (rung, gaussians) != (best.rung, best.gaussians) && self.bytes(rung, gaussians)? <= size {
-                let point = self.scored(rung, gaussians)?;
-                if is_better(&point, &best, size) {
-                    best = point;
-                }
+            (self.finest(best.rung, gaussians, size)?, gaussians)
+        } else {
+            (best.rung, (best.gaussians + more).min(self.whole))
+        };
+        if (rung, gaussians) != (best.rung, best.gaussians) && self.bytes(rung, gaussians)? <= size {
+            let point = self.scored(rung, gaussians)?;
+            if is_better(&point, &best, size) {
+                best = point;
             }
         }
         Ok(best)

@@ -1,12 +1,11 @@
 //! COLMAP's binary files: little endian, a 64-bit count, then records of varying length.
 
-use std::collections::HashMap;
 use std::path::Path;
 
 use glam::DVec2;
 
 use super::super::files;
-use super::{CameraFault, Cameras, ImageRow, Mark, PointRow, add_camera, model_of};
+use super::{CameraFault, Cameras, ImageRow, Mark, PointRow, cameras_of, model_of};
 use crate::scene::Error;
 use crate::scene::lens::Lens;
 
@@ -99,22 +98,24 @@ fn records<T, F: From<String>>(
 
 /// cameras.bin.
 pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
-    let mut cameras = HashMap::new();
-    records::<(), CameraFault>(
+    let read = records::<(u32, Result<Lens, String>), CameraFault>(
         path,
         "camera",
         24 + 16, // EQUIRECTANGULAR has the fewest parameters, 2
         |f, r| f.at(path, r),
-        |cursor, _| {
+        |cursor, rows| {
             let id = cursor.u32()?;
             let model = model_of(cursor.u32()? as i32)?;
             let (width, height) = (cursor.u64()?, cursor.u64()?);
             let parameters = cursor.take(8 * model.parameters())?.as_chunks::<8>().0;
             let parameters: Vec<f64> = parameters.iter().map(|b| f64::from_le_bytes(*b)).collect();
-            Ok(add_camera(&mut cameras, id, Lens::from_colmap(model, width, height, &parameters)?)?)
+            rows.push((id, Lens::from_colmap(model, width, height, &parameters)));
+            Ok(())
         },
     )?;
-    Ok(cameras)
+    let count = read.len();
+    let record = |number: usize| format!("camera {number} of {count}");
+    cameras_of(path, read.into_iter().zip(1..).map(|((id, lens), number)| (record(number), id, lens)))
 }
 
 /// rigs.bin: the number of sensors of each rig. How they stand to each other is in the images' poses, too.

@@ -3,6 +3,7 @@
 mod binary;
 mod text;
 
+use crate::extension::has_extension;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -11,15 +12,16 @@ use glam::{DMat3, DVec2, DVec3};
 use super::lookup::Lookup;
 use super::masks::Masks;
 use super::names;
+use super::notes::no_lens;
 use super::tree::photo_folders;
 use super::{ListedPoint, ListedView, Listing, clouds, files, pose};
 use crate::scene::lens::{Lens, LensModel};
 use crate::scene::view::Role;
-use crate::scene::{Error, OpenOptions, SceneKind, Skipped, median};
+use crate::scene::{Error, Names, OpenOptions, SceneKind, Skipped, median};
 use crate::wording::counted;
 
-/// Cameras by COLMAP's ids.
-type Cameras = HashMap<u32, Lens>;
+/// Cameras by COLMAP's ids; the fault of one that cannot be used counts only where an image has it.
+type Cameras = HashMap<u32, Result<Lens, Error>>;
 
 /// A pixel of a photo, and the id of the point seen there.
 type Mark = (DVec2, u64);
@@ -64,11 +66,7 @@ fn read_part<T>(
     binary: impl Fn(&Path) -> Result<T, Error>,
     text: impl Fn(&Path) -> Result<T, Error>,
 ) -> Result<T, Error> {
-    if is_text(path) { text(path) } else { binary(path) }
-}
-
-fn is_text(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("txt"))
+    if has_extension(path, &["txt"]) { text(path) } else { binary(path) }
 }
 
 fn read_images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
@@ -134,7 +132,7 @@ fn images_of(model: &Path) -> usize {
 /// Reads the model in `model`, which belongs to the scene at `root`.
 pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<Listing, Error> {
     let [cameras_file, source, points_file] = ["cameras", "images", "points3D"].map(|name| part(model, name));
-    let cameras = read_part(&cameras_file, binary::cameras, text::cameras)?;
+    let mut cameras = read_part(&cameras_file, binary::cameras, text::cameras)?;
     let rows = read_images(&source, options.check)?;
     // Cameras alone can be rendered; training then starts from random points.
     let points =
@@ -142,10 +140,8 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
 
     let root = if root == model { scene_of(model) } else { root.to_owned() };
     let images = photo_folder(&root, options, &rows)?;
-    let (masks, lookup) = (Masks::of(&root, &images), Lookup::of(&images));
+    let mut photos = Photos::of(&images, &rows);
     let mut skipped = Skipped::default();
-    let twins = names::twins(rows.iter().map(|row| row.name.as_str()));
-    let mut taken: HashSet<String> = rows.iter().map(|row| row.name.clone()).collect();
     let places: HashMap<u64, DVec3> = if options.check {
         points.iter().map(|row| (row.id, DVec3::from_array(row.position))).collect()
     } else {
@@ -153,13 +149,17 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     };
     let held_out = held_out(model, &rows, &mut skipped);
     let mut views = Vec::with_capacity(rows.len());
+    let (mut faulty, mut fault, mut left_out) = (Names::default(), None, Vec::new());
     for row in rows {
-        let Some(&lens) = cameras.get(&row.camera_id) else {
-            return Err(Error::malformed(
-                &source,
-                format!("image {} ({:?})", row.id, row.name),
-                format!("refers to camera {}, which {} does not hold", row.camera_id, cameras_file.display()),
-            ));
+        let lens = match cameras.get(&row.camera_id) {
+            Some(Ok(lens)) => *lens,
+            Some(Err(_)) => {
+                faulty.add(&row.name);
+                fault = fault.or(Some(row.camera_id));
+                left_out.push(photos.find(row.name).1);
+                continue;
+            }
+            None => return Err(no_camera(&row, &source, &cameras_file)),
         };
         let Some(pose) = pose::from_quaternion(row.quaternion, row.translation) else {
             skipped.bad_poses.add(&row.name);
@@ -171,22 +171,11 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             false if held_out.contains(&names::key(&row.name)) => Role::Test,
             false => Role::Train,
         };
-        let mut image = files::find_photo(&[images.join(&row.name)]);
-        let mut name = row.name;
-        if !image.is_file() {
-            // A file that belongs to another view is not this one's, nor is one that may be another's as well.
-            let own = |found: &str| {
-                names::folder_key(found) == names::folder_key(&names::relative(&name))
-                    || !twins.contains(&names::key(names::last(&name)))
-            };
-            let found = lookup.find(&name).filter(|found| own(found) && taken.insert(found.clone()));
-            name = found.unwrap_or_else(|| names::relative(&name));
-            image = images.join(&name);
-        }
+        let (name, image) = photos.find(row.name);
         views.push(ListedView {
             id: row.id,
             image,
-            mask: masks.find(&name),
+            mask: None,
             depth: None,
             depth_step: None,
             misfit,
@@ -197,25 +186,75 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             role,
         });
     }
+    if let Some(Err(error)) = fault.and_then(|id| cameras.remove(&id)) {
+        if views.is_empty() {
+            return Err(error);
+        }
+        skipped.notes.push(no_lens(&faulty, &error));
+    }
+    let masks = Masks::of(&root, &images, views.iter().map(|view| view.name.as_str()));
+    for view in &mut views {
+        view.mask = masks.find(&view.name);
+    }
     skipped.notes.extend(masks.doubt());
     skipped.notes.extend(elsewhere(&root, &images, options));
-    let mut kept = Vec::with_capacity(points.len());
-    for row in points {
-        let position = DVec3::from_array(row.position);
-        if pose::is_place(position) {
-            let (colour, error) = (row.colour, row.error as f32);
-            kept.push(ListedPoint { position, normal: None, colour, error, track: row.track });
-        } else {
-            skipped.bad_points += 1;
-        }
-    }
-    if kept.is_empty() {
+    let point = |row: PointRow| {
+        let (position, error) = (DVec3::from_array(row.position), row.error as f32);
+        ListedPoint { position, normal: None, colour: row.colour, error, track: row.track }
+    };
+    let mut points = clouds::usable(points.into_iter().map(point).collect(), &mut skipped);
+    if points.is_empty() {
         let above = model.parent().filter(|above| above.starts_with(&root)).unwrap_or(&root);
-        kept = clouds::beside(&[model, above, &root], &mut skipped);
+        points = clouds::beside(&[model, above, &root], &mut skipped);
     }
-    let kind = if is_text(&source) { SceneKind::ColmapText } else { SceneKind::ColmapBinary };
+    let kind = if has_extension(&source, &["txt"]) { SceneKind::ColmapText } else { SceneKind::ColmapBinary };
     let photos = options.images.is_none().then_some(images);
-    Ok(Listing { kind, root, source, views, points: kept, skipped, photos })
+    Ok(Listing { kind, root, source, views, points, skipped, photos, left_out })
+}
+
+/// The error of an image whose camera is not in the model's file of cameras.
+fn no_camera(row: &ImageRow, source: &Path, cameras: &Path) -> Error {
+    let record = format!("image {} ({:?})", row.id, row.name);
+    Error::malformed(
+        source,
+        record,
+        format!("refers to camera {}, which {} does not hold", row.camera_id, cameras.display()),
+    )
+}
+
+/// The photos of a model, found by its names.
+struct Photos<'a> {
+    images: &'a Path,
+    lookup: Lookup,
+    /// Keys of the last parts of names that several images share.
+    twins: HashSet<String>,
+    /// Files that are some image's.
+    taken: HashSet<String>,
+}
+
+impl<'a> Photos<'a> {
+    fn of(images: &'a Path, rows: &[ImageRow]) -> Self {
+        let twins = names::twins(rows.iter().map(|row| row.name.as_str()));
+        let taken = rows.iter().map(|row| row.name.clone()).collect();
+        Self { images, lookup: Lookup::of(images), twins, taken }
+    }
+
+    /// The name of an image's photo within the folder, and its path, whether it is there or not.
+    fn find(&mut self, name: String) -> (String, PathBuf) {
+        let image = files::find_photo(&[self.images.join(&name)]);
+        if image.is_file() {
+            return (name, image);
+        }
+        // A file that belongs to another view is not this one's, nor is one that may be another's as well.
+        let own = |found: &str| {
+            names::folder_key(found) == names::folder_key(&names::relative(&name))
+                || !self.twins.contains(&names::key(names::last(&name)))
+        };
+        let found = self.lookup.find(&name).filter(|found| own(found) && self.taken.insert(found.clone()));
+        let name = found.unwrap_or_else(|| names::relative(&name));
+        let image = self.images.join(&name);
+        (name, image)
+    }
 }
 
 /// The keys of the photos that test.txt beside the model's files holds out, as 3DGS writes it; empty if there is none.
@@ -224,12 +263,16 @@ fn held_out(model: &Path, rows: &[ImageRow], skipped: &mut Skipped) -> HashSet<S
     let Some(text) = file.is_file().then(|| files::read_text(&file)) else { return HashSet::new() };
     let lines = text.unwrap_or_default();
     let known: HashSet<String> = rows.iter().map(|row| names::key(&row.name)).collect();
-    let named = lines.lines().map(|line| names::key(line.trim()));
-    let named: HashSet<String> = named.filter(|name| known.contains(name)).collect();
+    let named = lines.lines().filter(|line| !line.trim().is_empty()).map(|line| names::key(line.trim()));
+    let (named, unknown): (HashSet<String>, HashSet<String>) = named.partition(|name| known.contains(name));
     skipped.notes.push(match named.len() {
         0 => format!("{} names no photo: nothing is held out by it", file.display()),
         some => format!("{} held out, as {} says", counted(some, "photo"), file.display()),
     });
+    if !named.is_empty() && !unknown.is_empty() {
+        let names = counted(unknown.len(), "name");
+        skipped.notes.push(format!("{names} in {} that no photo has", file.display()));
+    }
     named
 }
 
@@ -244,10 +287,14 @@ fn misfit(lens: &Lens, pose: (DMat3, DVec3), marks: &[Mark], places: &HashMap<u6
     median(&mut marks.iter().filter_map(off).collect::<Vec<_>>())
 }
 
-/// The scene of a model folder given by itself: the folder or the nearest of its three parents with photos.
+/// The scene of a model folder given by itself: the folder or the nearest of its three parents with a folder of photos.
 fn scene_of(model: &Path) -> PathBuf {
     let absolute = std::path::absolute(model).unwrap_or_else(|_| model.to_owned());
-    let found = absolute.ancestors().take(4).find(|a| files::child(a, "images").is_dir());
+    let has = |folder: &Path, names: &[&str]| names.iter().any(|name| files::child(folder, name).is_dir());
+    let others = ["input", "photos", "rgb", "frames", "images_2", "images_4", "images_8"];
+    // Further up than two, folders of the other names may be anyone's.
+    let holds = |(steps, folder): &(usize, &Path)| has(folder, &["images"]) || (*steps < 3 && has(folder, &others));
+    let found = absolute.ancestors().enumerate().take(4).find(holds).map(|(_, folder)| folder);
     found.unwrap_or(model).to_owned()
 }
 
@@ -268,8 +315,8 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     }
     let usual = files::child(root, "images");
     let first = || rows.iter().take(100);
-    let named = |folder: &PathBuf| first().any(|row| files::find_photo(&[folder.join(&row.name)]).is_file());
-    if named(&usual) {
+    let named = |folder: &Path| first().filter(|row| files::find_photo(&[folder.join(&row.name)]).is_file()).count();
+    if named(&usual) > 0 {
         return Ok(usual);
     }
     if usual.is_dir() {
@@ -278,7 +325,9 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     }
     let known = USUAL[1..].iter().map(|name| files::child(root, name));
     let others: Vec<PathBuf> = known.chain([root.to_owned()]).chain(photo_folders(root)).collect();
-    if let Some(folder) = others.iter().find(|folder| named(folder)) {
+    // A folder of renders may hold some of the names; of equal ones the first.
+    let counts = others.iter().map(|folder| (named(folder), folder));
+    if let Some((1.., folder)) = counts.rev().max_by_key(|(count, _)| *count) {
         return Ok(folder.clone());
     }
     if usual.is_dir() {
@@ -291,12 +340,16 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     Ok(others.into_iter().find(meant).unwrap_or(usual))
 }
 
-/// Adds a camera; refuses an id that is already taken.
-fn add_camera(cameras: &mut Cameras, id: u32, lens: Lens) -> Result<(), String> {
-    match cameras.insert(id, lens) {
-        Some(_) => Err(format!("camera {id} is listed twice; remove the wrong entry")),
-        None => Ok(()),
+/// The cameras of a file by their ids, which are refused if one is there twice. Each comes with its record.
+fn cameras_of(path: &Path, read: impl Iterator<Item = (String, u32, Result<Lens, String>)>) -> Result<Cameras, Error> {
+    let mut cameras = Cameras::new();
+    for (record, id, lens) in read {
+        let fault = |what: String| Error::malformed(path, record.clone(), what);
+        if cameras.insert(id, lens.map_err(fault)).is_some() {
+            return Err(fault(format!("camera {id} is listed twice; remove the wrong entry")));
+        }
     }
+    Ok(cameras)
 }
 
 /// A fault of a camera's record.

@@ -1,13 +1,12 @@
 //! COLMAP's text files: one record a line (images: two), fields split by spaces, `#` starts a comment line.
 
-use std::collections::HashMap;
 use std::path::Path;
 use std::str::FromStr;
 
 use glam::DVec2;
 
 use super::super::files;
-use super::{CameraFault, Cameras, ImageRow, Mark, PointRow, add_camera};
+use super::{CameraFault, Cameras, ImageRow, Mark, PointRow, cameras_of};
 use crate::scene::Error;
 use crate::scene::lens::{Lens, LensModel};
 
@@ -34,7 +33,9 @@ impl<'a> Fields<'a> {
         let told = |_| format!("its {what} (field {}) is not a number of its kind: {word:?}", self.taken);
         // Whole numbers may be written as 1920.0.
         let whole = word.trim_end_matches('0').strip_suffix('.').unwrap_or(word);
-        word.parse().or_else(|_| whole.parse()).map_err(told)
+        // C++ writes NaN in several ways: nan, -nan(ind).
+        let nan = if word.trim_start_matches('-').to_ascii_lowercase().starts_with("nan") { "NaN" } else { word };
+        word.parse().or_else(|_| whole.parse()).or_else(|_| nan.parse()).map_err(told)
     }
 
     fn values<const N: usize>(&mut self, what: &str) -> Result<[f64; N], String> {
@@ -70,24 +71,29 @@ pub(super) fn rigs(path: &Path) -> Result<Vec<usize>, Error> {
 /// cameras.txt.
 pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
     let text = files::read_text(path)?;
-    let mut cameras = HashMap::new();
-    for (number, line) in lines(&text) {
-        camera(line, &mut cameras).map_err(|fault| fault.at(path, format!("line {number}")))?;
-    }
-    Ok(cameras)
+    let read = |(number, line)| {
+        let record = format!("line {number}");
+        match camera(line) {
+            Ok((id, lens)) => Ok((record, id, lens)),
+            Err(fault) => Err(fault.at(path, record)),
+        }
+    };
+    let read: Vec<_> = lines(&text).map(read).collect::<Result<_, Error>>()?;
+    cameras_of(path, read.into_iter())
 }
 
-fn camera(line: &str, cameras: &mut Cameras) -> Result<(), CameraFault> {
+/// A camera's id, and its lens or what is wrong with that.
+fn camera(line: &str) -> Result<(u32, Result<Lens, String>), CameraFault> {
     let mut fields = Fields::new(line);
     let id = fields.value("camera id")?;
     let name = fields.word("model")?;
-    let model = LensModel::from_name(name).ok_or_else(|| CameraFault::Model(name.to_owned()))?;
+    let model = LensModel::from_name(&name.to_uppercase()).ok_or_else(|| CameraFault::Model(name.to_owned()))?;
     let (width, height) = (fields.value("width")?, fields.value("height")?);
     let mut parameters = Vec::with_capacity(model.parameters());
     while !fields.rest.is_empty() {
         parameters.push(fields.value("parameter")?);
     }
-    Ok(add_camera(cameras, id, Lens::from_colmap(model, width, height, &parameters)?)?)
+    Ok((id, Lens::from_colmap(model, width, height, &parameters)))
 }
 
 /// images.txt: each image takes two lines; the second, its 2D points, is kept if `marks` is set.
@@ -159,7 +165,7 @@ fn point(line: &str) -> Result<PointRow, String> {
     let mut fields = Fields::new(line);
     let id = fields.value("point id")?;
     let position = fields.values("position")?;
-    let colour = [fields.value("red")?, fields.value("green")?, fields.value("blue")?];
+    let colour = fields.values("colour")?.map(|c: f64| c as u8); // saturates; NaN gives 0
     let error = fields.value("error")?;
     let mut track = Vec::new();
     while !fields.rest.is_empty() {

@@ -32,6 +32,7 @@ pub(super) struct Intrinsics {
     k6: Option<f64>,
     p1: Option<f64>,
     p2: Option<f64>,
+    #[serde(deserialize_with = "super::fields::text")]
     camera_model: Option<String>,
     is_fisheye: Option<bool>,
     equirectangular: Option<bool>,
@@ -68,8 +69,8 @@ pub(super) enum LensFault {
 
 impl Intrinsics {
     /// The intrinsics that a file or a frame gives, under the usual names.
-    pub fn of(json: &Value) -> Result<Self, serde_json::Error> {
-        let mut found = Self::deserialize(json)?;
+    pub fn of(json: &Value) -> Result<Self, String> {
+        let mut found: Self = super::fields::fields(json)?;
         // nerfstudio's order.
         if let Some(&[k1, k2, k3, k4, p1, p2]) = found.distortion_params.as_deref() {
             (found.k1, found.k2, found.k3, found.k4) = (Some(k1), Some(k2), Some(k3), Some(k4));
@@ -96,12 +97,13 @@ impl Intrinsics {
 
     /// The frame's own values if given, otherwise the file's; a frame's own field of view or focal length replaces both of the file's.
     pub fn over(&self, common: &Self) -> Self {
-        let own = self.camera_angle_x.is_some() || self.fl_x.is_some();
+        let upright = self.camera_angle_y.is_some() && self.fl_y.is_none();
+        let own = self.camera_angle_x.is_some() || self.fl_x.is_some() || upright;
         let focal = |frame: Option<f64>, file: Option<f64>| if own { frame } else { frame.or(file) };
         Self {
             fl_x: focal(self.fl_x, common.fl_x),
             fl_y: focal(self.fl_y, common.fl_y),
-            camera_angle_x: self.camera_angle_x.or(common.camera_angle_x),
+            camera_angle_x: focal(self.camera_angle_x, common.camera_angle_x),
             camera_angle_y: focal(self.camera_angle_y, common.camera_angle_y),
             cx: self.cx.or(common.cx),
             cy: self.cy.or(common.cy),
@@ -126,6 +128,15 @@ impl Intrinsics {
     pub fn size(&self) -> Option<(u32, u32)> {
         let whole = |x: f64| x.round() as u32; // saturates; NaN gives 0
         Some((whole(self.w?), whole(self.h?)))
+    }
+
+    /// The side that it gives without the other, with its name.
+    pub fn lone_side(&self) -> Option<(&'static str, f64)> {
+        match (self.w, self.h) {
+            (Some(w), None) => Some(("w", w)),
+            (None, Some(h)) => Some(("h", h)),
+            _ => None,
+        }
     }
 
     /// True if it says both that the lens is a fisheye and that it is none.

@@ -4,6 +4,7 @@
 //! `applied_transform` (the difference from COLMAP's) is not undone, and its point cloud lies in the same world.
 //! instant-ngp's `scale`, `offset` and `aabb_scale` concern its own volume only and are ignored.
 
+mod fields;
 mod intrinsics;
 
 use std::collections::{HashMap, HashSet};
@@ -11,73 +12,25 @@ use std::ffi::OsStr;
 use std::iter;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 use super::files::Folders;
 use super::lookup::Lookup;
 use super::masks::Masks;
 use super::names::tidy;
+use super::notes::no_lens;
+use super::repeated::no_split;
 use super::tree::reduction;
 use super::{ListedView, Listing, clouds, files, point_ply, pose};
 use crate::scene::lens::Lens;
 use crate::scene::view::Role;
-use crate::scene::{Error, OpenOptions, SceneKind, Skipped};
+use crate::scene::{Error, Names, OpenOptions, SceneKind, Skipped};
 use crate::wording::counted;
+use fields::{Frame, Whole, fields, name_of, without_nan};
 use intrinsics::{Intrinsics, LensFault};
 
-#[derive(Deserialize)]
-struct Frame {
-    file_path: String,
-    #[serde(default)]
-    transform_matrix: Value,
-    /// instant-ngp's frames of a rolling shutter have two matrices: the first counts.
-    #[serde(default)]
-    transform_matrix_start: Value,
-    mask_path: Option<String>,
-    depth_file_path: Option<String>,
-    depth_path: Option<String>,
-    #[serde(default, deserialize_with = "or_default")]
-    is_bad: bool,
-}
-
-/// A field whose null says nothing.
-fn or_default<'de, T: Default + Deserialize<'de>, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
-    Ok(Option::deserialize(deserializer)?.unwrap_or_default())
-}
-
-impl Frame {
-    /// The rows of its matrix, of which there are at least three; they may also be given one after another. NaN stands for
-    /// what is no number.
-    fn rows(&self) -> Option<Vec<Vec<f64>>> {
-        let numbers = |list: &Vec<Value>| list.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect::<Vec<f64>>();
-        let list = self.transform_matrix.as_array().or_else(|| self.transform_matrix_start.as_array())?;
-        let rows: Vec<Vec<f64>> = match list.len() {
-            12 | 16 => numbers(list).chunks(4).map(<[f64]>::to_vec).collect(),
-            _ => list.iter().map(|row| row.as_array().map(numbers)).collect::<Option<_>>()?,
-        };
-        (rows.len() >= 3 && rows.iter().all(|row| row.len() == 4)).then_some(rows)
-    }
-}
-
-/// Fields of nerfstudio's file that concern all frames.
-#[derive(Default, Deserialize)]
-#[serde(default)]
-struct Whole {
-    #[serde(deserialize_with = "or_default")]
-    train_filenames: Vec<String>,
-    #[serde(deserialize_with = "or_default")]
-    val_filenames: Vec<String>,
-    #[serde(deserialize_with = "or_default")]
-    test_filenames: Vec<String>,
-    /// Held-out frames beside the others, as of ScanNet++.
-    #[serde(deserialize_with = "or_default")]
-    test_frames: Vec<Value>,
-    /// Length of a step of whole-number depth maps, under the names of nerfstudio and instant-ngp.
-    depth_unit_scale_factor: Option<f64>,
-    integer_depth_scale: Option<f64>,
-    ply_file_path: Option<String>,
-}
+/// Difference of a side from that of eight times its smaller copy.
+const ROUNDED: f64 = 8.0;
 
 /// Gathers frames of one or three files.
 struct Reader<'a> {
@@ -90,7 +43,6 @@ struct Reader<'a> {
     camera_ids: HashMap<Vec<u64>, u32>,
     /// Photos and masks of the capture, by names that differ from theirs.
     lookup: Lookup,
-    masks: HashMap<PathBuf, Masks>,
     /// For masks, depth maps and clouds that the file lists.
     folders: Folders,
     /// Frames that the file itself calls bad.
@@ -99,6 +51,10 @@ struct Reader<'a> {
     moving_frames: usize,
     /// Frames that are called a fisheye's and have another camera model.
     called_fisheye: usize,
+    /// Frames whose lens cannot be used, their photos, and the first one's fault.
+    faulty: Names,
+    left_out: Vec<PathBuf>,
+    fault: Option<Error>,
 }
 
 /// Reads the transforms file `path` of the scene at `root`, for Blender with its companion files. Photos that are not there are
@@ -113,11 +69,13 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
         usual_size: None,
         camera_ids: HashMap::new(),
         lookup: Lookup::of(outer),
-        masks: HashMap::new(),
         folders: Folders::default(),
         bad_frames: 0,
         moving_frames: 0,
         called_fisheye: 0,
+        faulty: Names::default(),
+        left_out: Vec::new(),
+        fault: None,
     };
     let mut points = Vec::new();
     let sisters = [
@@ -145,7 +103,14 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
         }
         SceneKind::Transforms
     };
-    let Reader { views, mut skipped, masks, images, bad_frames, moving_frames, called_fisheye, .. } = reader;
+    let Reader { mut views, mut skipped, images, bad_frames, moving_frames, called_fisheye, .. } = reader;
+    let (faulty, left_out) = (reader.faulty, reader.left_out);
+    if let Some(error) = reader.fault {
+        if views.is_empty() {
+            return Err(error);
+        }
+        skipped.notes.push(no_lens(&faulty, &error));
+    }
     for (count, what) in [
         (bad_frames, "that the file calls bad (is_bad)"),
         (moving_frames, "with a pose at the end of the exposure (transform_matrix_end), which is not used"),
@@ -160,9 +125,9 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     if points.is_empty() {
         points = clouds::beside(&[root], &mut skipped);
     }
-    skipped.notes.extend(masks.values().filter_map(Masks::doubt));
-    let photos = images.is_none().then(|| files::child(root, "images")).filter(|folder| folder.is_dir());
-    Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped, photos })
+    find_masks(root, images.as_deref(), &mut views, &mut skipped);
+    let photos = images.is_none().then(|| folder_of(root, &views)).flatten();
+    Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped, photos, left_out })
 }
 
 impl Reader<'_> {
@@ -175,16 +140,25 @@ impl Reader<'_> {
         let Some(frames) = json.get("frames").and_then(Value::as_array) else {
             return Err(Error::malformed(path, "the top level", "has no list \"frames\"; is this a transforms file?"));
         };
-        let top = |e: serde_json::Error| Error::malformed(path, "the top level", e.to_string());
+        let top = |what: String| Error::malformed(path, "the top level", what);
         let common = Intrinsics::of(&json).map_err(top)?;
-        let whole = Whole::deserialize(&json).map_err(top)?;
-        let mut roles = HashMap::new();
+        let whole: Whole = fields(&json).map_err(top)?;
+        let mut roles: HashMap<String, Role> = HashMap::new();
+        let mut doubtful = HashSet::new();
         for (names, role) in [
             (&whole.val_filenames, Role::Validation),
             (&whole.test_filenames, Role::Test),
             (&whole.train_filenames, Role::Train),
         ] {
-            roles.extend(names.iter().map(|name| (tidy(name), role)));
+            for name in names.iter().map(|name| tidy(name)) {
+                if roles.insert(name.clone(), role).is_some_and(|other| other != role && role == Role::Train) {
+                    doubtful.insert(name);
+                }
+            }
+        }
+        if !doubtful.is_empty() {
+            self.skipped.notes.push(no_split(doubtful.len()));
+            roles.extend(doubtful.into_iter().map(|name| (name, Role::Unsaid)));
         }
         let listed = roles.len();
         let step = whole.depth_unit_scale_factor.or(whole.integer_depth_scale).filter(|step| *step > 0.0);
@@ -218,15 +192,15 @@ impl Reader<'_> {
     ) -> Result<(), Error> {
         let mut record = record;
         let wrong = |record: &str, what: String| Error::malformed(path, record, what);
-        let frame = Frame::deserialize(json).map_err(|e| wrong(&record, e.to_string()))?;
+        let frame: Frame = fields(json).map_err(|what| wrong(&record, what))?;
         if frame.is_bad {
             self.bad_frames += 1;
             return Ok(());
         }
-        let own = Intrinsics::of(json).map_err(|e| wrong(&record, e.to_string()))?;
+        let own = Intrinsics::of(json).map_err(|what| wrong(&record, what))?;
         let name = tidy(&frame.file_path);
         record = format!("{record} ({name:?})");
-        if json.get("transform_matrix").is_some_and(Value::is_null) && frame.transform_matrix_start.is_null() {
+        if frame.transform_matrix.is_null() && frame.transform_matrix_start.is_null() {
             // Some writers list photos that were not posed.
             self.skipped.bad_poses.add(&name);
             return Ok(());
@@ -243,6 +217,13 @@ impl Reader<'_> {
             Some(size) => Some(size),
             None => files::photo_size(&usual).map(|size| self.whole_size(&name, &usual, size)),
         };
+        if let (Some((side, length)), Some((w, h))) = (intrinsics.lone_side(), size)
+            && (length - f64::from(if side == "w" { w } else { h })).abs() > ROUNDED
+        {
+            let what =
+                format!("gives {side} alone, and {length} is not that of {}: give both w and h", usual.display());
+            return Err(wrong(&record, what));
+        }
         // Blender's files give no size; a frame whose photo is absent has the size of the others.
         self.usual_size = self.usual_size.or(size).or_else(|| self.first_size(all));
         let Some((width, height)) = size.or(self.usual_size) else {
@@ -254,7 +235,12 @@ impl Reader<'_> {
             Err(LensFault::Model(model)) => {
                 return Err(Error::UnknownModel { path: path.to_owned(), record, model, known: intrinsics::models() });
             }
-            Err(LensFault::Other(what)) => return Err(wrong(&record, what)),
+            Err(LensFault::Other(what)) => {
+                self.faulty.add(&name);
+                self.left_out.push(usual);
+                self.fault.get_or_insert_with(|| wrong(&record, what));
+                return Ok(());
+            }
         };
         let Some(pose) = pose::from_opengl(&rows) else {
             self.skipped.bad_poses.add(&name);
@@ -264,7 +250,7 @@ impl Reader<'_> {
             return Ok(());
         };
         let camera_id = self.camera_id(&lens);
-        let mask = self.mask(&name, frame.mask_path.as_deref());
+        let mask = self.mask(frame.mask_path.as_deref());
         let depth = self.depth(frame.depth_file_path.as_deref().or(frame.depth_path.as_deref()));
         let listed = roles.get(&name).copied();
         self.views.push(ListedView {
@@ -315,8 +301,8 @@ impl Reader<'_> {
         files::find_photo(&[inner, name, last].map(|n| folder.join(n)))
     }
 
-    /// The mask of a frame: as listed, or from a masks folder beside the photos' or in the scene.
-    fn mask(&mut self, name: &str, listed: Option<&str>) -> Option<PathBuf> {
+    /// The mask that a frame lists.
+    fn mask(&mut self, listed: Option<&str>) -> Option<PathBuf> {
         if let Some(listed) = listed.filter(|listed| !listed.is_empty()) {
             let mask = self.folders.listed(self.root, listed);
             if mask.is_file() {
@@ -324,10 +310,7 @@ impl Reader<'_> {
             }
             self.skipped.missing_masks.add(listed);
         }
-        let (first, inner) = name.split_once('/').unwrap_or(("", name));
-        let images = self.images.clone().unwrap_or_else(|| self.root.join(first));
-        let masks = self.masks.entry(images).or_insert_with_key(|images| Masks::of(self.root, images));
-        masks.find(inner).or_else(|| masks.find(name))
+        None
     }
 
     /// The depth map that a frame names.
@@ -348,23 +331,35 @@ impl Reader<'_> {
     }
 }
 
-/// The name of a frame's photo.
-fn name_of(frame: &Value) -> Option<String> {
-    Some(tidy(frame.get("file_path")?.as_str()?))
+/// Finds the masks of views for which none is listed: in the folder of photos that was asked for, otherwise in the capture.
+fn find_masks(root: &Path, images: Option<&Path>, views: &mut [ListedView], skipped: &mut Skipped) {
+    let inner = |view: &ListedView| {
+        let found = images.and_then(|images| view.image.strip_prefix(images).ok()).filter(|_| view.image.is_file());
+        match (found, images, view.name.split_once('/')) {
+            (Some(found), ..) => tidy(&found.to_string_lossy()),
+            (None, Some(_), Some((_, inner))) => inner.to_owned(),
+            _ => view.name.clone(),
+        }
+    };
+    let names: Vec<String> = views.iter().map(inner).collect();
+    let masks = Masks::of(root, images.unwrap_or(root), names.iter().map(String::as_str));
+    for (view, name) in views.iter_mut().zip(&names).filter(|(view, _)| view.mask.is_none()) {
+        view.mask = masks.find(name);
+    }
+    skipped.notes.extend(masks.doubt());
 }
 
-/// The text with null for what Python writes for numbers that JSON does not know.
-fn without_nan(text: &str) -> String {
-    // Between quotes, of which none is escaped in what matters here.
-    let mut inside = false;
-    let part = |part: &str| {
-        let told = if inside {
-            part.to_owned()
-        } else {
-            part.replace("-Infinity", "null").replace("Infinity", "null").replace("NaN", "null")
-        };
-        inside = !inside;
-        told
-    };
-    text.split('"').map(part).collect::<Vec<_>>().join("\"")
+/// The innermost folder of a capture that holds all photos of its views, or images if that does; none if it is the capture and no photo lies in it directly,
+/// since what does is something else.
+fn folder_of(root: &Path, views: &[ListedView]) -> Option<PathBuf> {
+    let usual = files::child(root, "images");
+    let mut folders = views.iter().filter(|view| view.image.is_file()).filter_map(|view| view.image.parent());
+    let Some(first) = folders.clone().next() else { return Some(usual).filter(|usual| usual.is_dir()) };
+    let holds = |common: &Path| folders.clone().all(|folder| folder.starts_with(common));
+    let common = first.ancestors().find(|common| holds(common))?;
+    if common.starts_with(&usual) {
+        return Some(usual);
+    }
+    let is_own = common.starts_with(root) && (common != root || folders.any(|folder| folder == root));
+    is_own.then(|| common.to_owned())
 }

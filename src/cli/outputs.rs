@@ -1,0 +1,68 @@
+//! Checks of outputs before any work: a run's files stay whole.
+
+use super::inspect::is_run;
+use crate::extension::has_extension;
+use crate::gaussians::formats;
+use crate::job::Error;
+use std::path::Path;
+
+/// Refuses a file where a folder for results is wanted.
+pub(super) fn check_folder(output: &Path) -> Result<(), Error> {
+    if output.exists() && !output.is_dir() {
+        return Err(Error::Usage(format!("-o {} is a file; name a folder", output.display())));
+    }
+    Ok(())
+}
+
+/// Refuses a folder of results that is a run's, or its folder of pictures.
+pub(super) fn check_no_run(output: &Path) -> Result<(), Error> {
+    let pictures = output.file_name().is_some_and(|name| name == "renders").then(|| output.parent()).flatten();
+    match pictures.into_iter().chain([output]).find(|folder| folder.join("config.toml").is_file()) {
+        Some(run) => Err(holds_run(run)),
+        None => check_folder(output),
+    }
+}
+
+/// Refuses a file that is a run's model, which its figures describe.
+pub(super) fn check_no_runs_model(output: &Path) -> Result<(), Error> {
+    let folder = output.parent().unwrap_or(Path::new(""));
+    if output.file_name().is_some_and(|name| name == "model.ply" || name == "model.sog") && is_run(folder) {
+        return Err(Error::Usage(format!(
+            "{} is a run's model, which the figures beside it describe; name another file",
+            output.display()
+        )));
+    }
+    Ok(())
+}
+
+/// An error for a folder with a run, whose figures would be overwritten.
+pub(super) fn holds_run(output: &Path) -> Error {
+    Error::Usage(format!("-o {} holds a run and its figures; name another folder", output.display()))
+}
+
+/// Refuses the name of a file that is no model's, and the model of a run.
+pub(super) fn check_model(output: &Path) -> Result<(), Error> {
+    check_no_runs_model(output)?;
+    if formats::is_levels(output) || has_extension(output, &["html"]) {
+        let what = "pages and levels of detail are written by `qirf-vk convert`; write a model, and convert that";
+        return Err(Error::Usage(format!("{}: {what}", output.display())));
+    }
+    formats::check_output(output).map_err(Error::writing)
+}
+
+/// Refuses a folder where a file is to be written, and a file that cannot be written there.
+pub(super) fn check_file(output: &Path) -> Result<(), Error> {
+    if output.is_dir() {
+        return Err(Error::Usage(format!("{} is a folder; name a file", output.display())));
+    }
+    formats::check_place(output).map_err(Error::writing)
+}
+
+/// Refuses the folder of a comparison, whose checkpoint is no run's.
+pub(super) fn check_no_comparison(output: &Path) -> Result<(), Error> {
+    if ["compare.json", "arms"].iter().any(|part| output.join(part).exists()) {
+        let what = "holds a comparison and its figures; name another folder";
+        return Err(Error::Usage(format!("-o {} {what}", output.display())));
+    }
+    Ok(())
+}
