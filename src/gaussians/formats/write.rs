@@ -68,7 +68,7 @@ pub fn is_exact(path: &Path) -> bool {
 /// `.usdz` (exact but for rounding exponentials and unit quaternions), `.spz` (version 4), `.sog` or `.compressed.ply` (quantised as [`usual`]), completely or not
 /// at all; with the tag of `mode`. SOG and compressed PLY do not keep the order of the Gaussians, SOG not that of their axes either.
 ///
-/// Call [`refuse_overwrite`] first where the model came from a file.
+/// Call [`refuse_overwrite`](super::refuse_overwrite) first where the model came from a file.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for another extension or for what the format cannot hold, [`Error::Inconsistent`],

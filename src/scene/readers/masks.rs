@@ -34,18 +34,19 @@ impl Masks {
     /// The masks of the photos of these names in `images`, in the capture at `root`.
     pub fn of<'a>(root: &Path, images: &Path, names: impl Iterator<Item = &'a str>) -> Self {
         let mut rests = HashMap::new();
-        let mut names: HashSet<String> = names.map(plain).collect();
+        // By key: a file may have another extension than its listed name.
+        let mut names: HashMap<String, String> = names.map(plain).map(|name| (key(&name), name)).collect();
         // Photos without a pose have masks, too. Of a capture, only its folders of photos hold such.
         let first = |name: &String| Some(name.split_once('/')?.0.to_owned());
         let folders: HashSet<String> =
-            if images == root { names.iter().filter_map(first).collect() } else { HashSet::new() };
-        let inside = |folder: &String| {
-            PhotoTree::whole(&images.join(folder)).names.into_iter().map(|n| format!("{folder}/{n}")).collect()
-        };
-        let mut others: Vec<Vec<String>> = folders.iter().map(inside).collect();
-        others.extend((images != root).then(|| PhotoTree::whole(images).names));
-        names.extend(others.into_iter().flatten());
-        for name in &names {
+            if images == root { names.values().filter_map(first).collect() } else { HashSet::from([String::new()]) };
+        for folder in &folders {
+            for name in PhotoTree::whole(&images.join(folder)).names {
+                let name = plain(&format!("{folder}/{name}"));
+                names.entry(key(&name)).or_insert(name);
+            }
+        }
+        for name in names.values() {
             for (folder, rest) in levels(images, name) {
                 if let Some(above) = folder.parent().filter(|_| folder != images) {
                     *rests.entry((above.to_owned(), key(rest))).or_default() += 1;

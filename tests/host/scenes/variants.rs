@@ -146,7 +146,8 @@ fn masks_are_those_of_the_capture_whatever_its_photos_are_called() {
     picture(&scene.path().join("images/a.png"), 64, 48);
     mask(&scene.path().join("masks/a.png"));
     let absolute = scene.path().join("images/a.png").to_string_lossy().replace('\\', "/");
-    for name in [absolute.as_str(), "./images/a.png", "/home/me/cap/images/a.png", "a.png"] {
+    let names = [absolute.as_str(), "./images/a.png", "/home/me/cap/images/a.png", "a.png", "images/a", "images/A.JPG"];
+    for name in names {
         write(scene.path(), [("transforms.json", transforms(TOP, &[name]))]);
         let view = &open(scene.path()).views[0];
         assert_eq!(view.mask.as_deref(), Some(scene.path().join("masks/a.png").as_path()), "{name}");
