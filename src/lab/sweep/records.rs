@@ -94,7 +94,7 @@ impl RungRecord {
         }
     }
 
-    /// What marks it in tables.
+    /// Its mark in tables.
     pub fn mark(&self) -> &'static str {
         match (self.default, self.front) {
             (true, true) => "default, on the front",

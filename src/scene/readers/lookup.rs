@@ -23,7 +23,7 @@ struct Files {
     /// Paths within the folder, by key.
     whole: HashMap<String, Vec<String>>,
     /// The same, by the key's last part: those in images, or, if it holds none, those in any folder unless photos lie here directly.
-    /// What lies elsewhere under a photo's name is another program's picture.
+    /// Elsewhere, a picture with a photo's name comes from another program.
     last: HashMap<String, Vec<String>>,
 }
 

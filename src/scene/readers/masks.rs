@@ -19,12 +19,15 @@ use image::ColorType;
 pub(super) struct Masks {
     root: PathBuf,
     images: PathBuf,
-    /// What goes with each folder of photos that was looked at.
+    /// Names of the photos.
+    names: Vec<String>,
+    /// The masks of each folder of photos seen so far.
     folders: RefCell<BTreeMap<PathBuf, FolderMasks>>,
-    /// The mask folders in each folder that was looked at, and what they hold.
+    /// The mask folders in each folder seen so far, and their files.
     held: RefCell<Held>,
     /// Number of photos by a folder and the rest of their name below a folder in it: masks beside such folders may be any one's.
-    rests: HashMap<(PathBuf, String), usize>,
+    /// Counted for the first mask that is found beside a folder.
+    rests: OnceCell<HashMap<(PathBuf, String), usize>>,
     /// Photos whose mask may be another folder's.
     shared: Cell<usize>,
     found: Cell<usize>,
@@ -33,28 +36,37 @@ pub(super) struct Masks {
 impl Masks {
     /// The masks of the photos of these names in `images`, in the capture at `root`.
     pub fn of<'a>(root: &Path, images: &Path, names: impl Iterator<Item = &'a str>) -> Self {
-        let mut rests = HashMap::new();
+        let (folders, held, rests, shared, found) = Default::default();
+        let (root, images, names) = (root.to_owned(), images.to_owned(), names.map(plain).collect());
+        Self { root, images, names, folders, held, rests, shared, found }
+    }
+
+    /// Number of photos by a folder and the rest of their name below a folder in it.
+    fn rests(&self) -> HashMap<(PathBuf, String), usize> {
         // By key: a file may have another extension than its listed name.
-        let mut names: HashMap<String, String> = names.map(plain).map(|name| (key(&name), name)).collect();
+        let mut names: HashMap<String, String> = self.names.iter().map(|name| (key(name), name.clone())).collect();
         // Photos without a pose have masks, too. Of a capture, only its folders of photos hold such.
         let first = |name: &String| Some(name.split_once('/')?.0.to_owned());
-        let folders: HashSet<String> =
-            if images == root { names.values().filter_map(first).collect() } else { HashSet::from([String::new()]) };
+        let folders: HashSet<String> = if self.images == self.root {
+            self.names.iter().filter_map(first).collect()
+        } else {
+            HashSet::from([String::new()])
+        };
         for folder in &folders {
-            for name in PhotoTree::whole(&images.join(folder)).names {
+            for name in PhotoTree::whole(&self.images.join(folder)).names {
                 let name = plain(&format!("{folder}/{name}"));
                 names.entry(key(&name)).or_insert(name);
             }
         }
+        let mut rests = HashMap::new();
         for name in names.values() {
-            for (folder, rest) in levels(images, name) {
-                if let Some(above) = folder.parent().filter(|_| folder != images) {
+            for (folder, rest) in levels(&self.images, name) {
+                if let Some(above) = folder.parent().filter(|_| folder != self.images) {
                     *rests.entry((above.to_owned(), key(rest))).or_default() += 1;
                 }
             }
         }
-        let (folders, held, shared, found) = Default::default();
-        Self { root: root.to_owned(), images: images.to_owned(), folders, held, rests, shared, found }
+        rests
     }
 
     /// The mask of the photo `name`.
@@ -67,14 +79,14 @@ impl Masks {
         levels.sort_by_key(|(folder, _)| *folder == self.root); // stable
         let found = levels.into_iter().find_map(|(folder, rest)| {
             let above = self.above(&folder);
-            let count = self.rests.get(&(above.to_owned(), key(rest))).copied().unwrap_or(0);
             let masks = folders
                 .entry(folder.clone())
                 .or_insert_with(|| FolderMasks::of(above, &folder, &mut self.held.borrow_mut()));
             let (found, doubtful) = masks.find(rest);
             is_shared |= doubtful;
             found.filter(|mask| {
-                let is_own = mask.starts_with(&folder) || masks.is_named() || count < 2;
+                let count = || self.rests.get_or_init(|| self.rests()).get(&(above.to_owned(), key(rest))).copied();
+                let is_own = mask.starts_with(&folder) || masks.is_named() || count().unwrap_or(0) < 2;
                 is_shared |= !is_own;
                 is_own
             })
@@ -223,7 +235,7 @@ struct FolderMasks {
     first: OnceCell<String>,
 }
 
-/// What a folder of photos holds.
+/// The contents of a folder of photos.
 #[derive(Default)]
 struct Own {
     /// Masks among its photos.
