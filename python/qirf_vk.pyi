@@ -2,7 +2,7 @@
 
 Units: positions and sizes in world units, pictures in [0, 1], angles in degrees, PSNR in dB, seconds. Cameras have x right, y down, z forward;
 the middle of the first pixel is (0.5, 0.5). Functions raise ValueError for arguments and file contents that are wrong, FileNotFoundError and other
-OSErrors for files, MemoryError, DeviceError, and KeyboardInterrupt after Ctrl-C.
+OSErrors for files, MemoryError, DeviceError, KeyboardInterrupt after Ctrl-C, and RuntimeError in a process that was forked after first use.
 """
 
 from os import PathLike
@@ -17,7 +17,7 @@ __version__: str
 _Path = Union[str, PathLike[str]]
 _Vector = Union[Sequence[float], NDArray[Any]]
 _Resolution = Union[int, str]
-_Size = Union[tuple[int, int], Sequence[int]]
+_Size = Union[tuple[int, int], Sequence[int], NDArray[np.integer[Any]]]
 _Step = dict[str, Any]
 _OnStep = Callable[[_Step], None]
 _OnProgress = Callable[[str, int, int], None]
@@ -31,7 +31,7 @@ class Device:
     memory_limit: limit on the bytes in use; by default the free memory of a GPU. Raises DeviceError.
     """
 
-    def __init__(self, name: Optional[str] = None, *, memory_limit: Optional[int] = None) -> None: ...
+    def __init__(self, name: Union[int, str, None] = None, *, memory_limit: Optional[int] = None) -> None: ...
 
     @staticmethod
     def list() -> list[str]:
@@ -50,12 +50,15 @@ class Device:
         """Bytes that may be used."""
 
 class Model:
-    """A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory."""
+    """A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory. Models can be
+    pickled; copies are the model itself.
+    """
 
     @staticmethod
     def load(path: _Path) -> Model:
         """Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out,
-        with a UserWarning."""
+        with a UserWarning, which also tells of an unclear tag and of a file without Gaussians.
+        """
 
     @staticmethod
     def from_arrays(
@@ -71,11 +74,14 @@ class Model:
         """Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
 
         means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
-        (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see Model.origin.
+        (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3), as an array or
+        nested lists; L is 0 to 3; origin: see Model.origin.
         """
 
     def save(self, path: _Path) -> None:
-        """Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json beside it."""
+        """Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json
+        beside it. A model without Gaussians is a ValueError.
+        """
 
     @property
     def means(self) -> NDArray[np.float32]:
@@ -110,8 +116,12 @@ class Model:
         """Local origin of the means in the world; (0, 0, 0) except for models far from the world's origin, such as those in map coordinates. Edits keep it."""
 
     def __len__(self) -> int: ...
+    def __copy__(self) -> Model: ...
+    def __deepcopy__(self, memo: dict[int, Any]) -> Model: ...
     def transform(self, matrix: ArrayLike) -> Model:
-        """Applies a similarity, (3, 4) or (4, 4), and rotates the spherical harmonics accordingly."""
+        """Applies a similarity, (3, 4) or (4, 4), and rotates the spherical harmonics accordingly. Like move_by, turn and scale, warns if float32
+        rounds positions far from the origin.
+        """
 
     def move_by(self, offset: _Vector) -> Model:
         """Translates by (x, y, z) in world units."""
@@ -128,8 +138,12 @@ class Model:
     def crop_ball(self, centre: _Vector, radius: float, *, outside: bool = False) -> Model:
         """Keeps the Gaussians with their centre in a sphere, or outside of it."""
 
-    def crop_views(self, scene: _Path, *, least: int = 1, outside: bool = False) -> Model:
-        """Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others."""
+    def crop_views(
+        self, scene: _Path, *, images: Optional[_Path] = None, least: int = 1, outside: bool = False
+    ) -> Model:
+        """Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others. images:
+        the folder of its photos, such as "images_4".
+        """
 
     def with_degree(self, degree: int) -> Model:
         """Drops the bands above this SH degree."""
@@ -146,19 +160,20 @@ class Model:
         *,
         ratio: float = 100.0,
         scene: Optional[_Path] = None,
+        images: Optional[_Path] = None,
         resolution: Optional[_Resolution] = None,
         device: Optional[Device] = None,
     ) -> Model:
         """Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one; or
-        "floaters", Gaussians in empty space, which the photos of `scene`, at a resolution such as 640 (pixels wide) or "/2", show to be wrong,
-        or without a scene pictures of the model (docs/edit.md).
+        "floaters", Gaussians in empty space, which the photos of `scene`, in its folder images and at a resolution such as 640 (pixels wide)
+        or "/2", show to be wrong, or without a scene pictures of the model (docs/edit.md). A UserWarning tells of very many floaters.
         """
 
     def morton_order(self) -> Model:
         """Orders Gaussians along a Z-order curve, so that neighbours in space are neighbours in the file."""
 
-    def select(self, chosen: ArrayLike) -> Model:
-        """The Gaussians selected by a mask (n,) of bools, or by indices, in their order."""
+    def select(self, chosen: Union[ArrayLike, slice]) -> Model:
+        """The Gaussians selected by a mask (n,) of bools, by indices (k,), in their order, or by a slice. Negative indices count from the end."""
 
 def merge(models: Sequence[Model]) -> Model:
     """Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model, unless another one's is
@@ -167,12 +182,12 @@ def merge(models: Sequence[Model]) -> Model:
 class Camera:
     """A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).
 
-    k: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
+    K: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
     near: near plane, in world units along the camera's axis; closer Gaussians are not drawn. 0.2 by default, which small models need less of:
-    the cameras of `orbit` have one that fits.
+    the cameras of `orbit` have one that fits. Cameras can be pickled.
     """
 
-    def __init__(self, k: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None) -> None: ...
+    def __init__(self, K: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None) -> None: ...
 
     @staticmethod
     def look_at(
@@ -239,7 +254,7 @@ class Renderer:
     def render(self, camera: Camera, *, near: Optional[float] = None) -> NDArray[np.float32]: ...
     @overload
     def render(
-        self, camera: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None
+        self, K: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None
     ) -> NDArray[np.float32]:
         """A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose
         (3, 4) or (4, 4), and width and height. The bytes are those of `qirf-vk render --format npy`.
@@ -250,7 +265,7 @@ class Renderer:
     @overload
     def depth(
         self,
-        camera: ArrayLike,
+        K: ArrayLike,
         world_to_camera: ArrayLike,
         size: _Size,
         *,
@@ -298,11 +313,15 @@ def train(
     output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there.
 
     on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr if it was measured,
-    rates, device_bytes. on_progress gets the stage, the steps done and their total. An exception in a callback ends the run.
+    rates, device_bytes. on_progress gets the stage, the steps done and their total, which never fall within a stage. Both are called in the
+    thread that called train. An exception in a callback ends the run.
 
-    options: iterations; keep (a share) or count of Gaussians, or prune=False; effects, such as ["exposure=on"]; and every key of
-    config.toml, such as seed, resolution (640 pixels wide, or "/2"), images, eval_every, sh_degree, max_gaussians, checkpoint_every,
-    background, clean.
+    options: every key of config.toml, such as seed, resolution (640 pixels wide, or "/2"), images, eval_every, sh_degree, max_gaussians,
+    checkpoint_every, background, clean; tables are dicts. train(**tomllib.load(file)) repeats the run whose config.toml that is; its paths
+    within the run's folder are relative to it. In a dict as schedule or prune, keys that are left out have the preset's values, and None
+    removes one. Short forms: iterations; keep (a share) or count of Gaussians; prune=False; schedule="attrition", "one-shot" or "gradual",
+    the schedule of the prune; effects=["exposure=on"] or {"exposure": "on"}; init="random", the path of a model, or a Model, which is written
+    to the folder as initial.ply. Unknown keywords are TypeErrors.
     """
 
 def compress(
@@ -310,11 +329,17 @@ def compress(
     keep: Optional[float] = None,
     *,
     count: Optional[int] = None,
-    size: Optional[int] = None,
+    size: Union[int, str, None] = None,
     psnr: Optional[float] = None,
     output: Optional[_Path] = None,
     scene: Optional[_Path] = None,
+    images: Optional[_Path] = None,
     resolution: Optional[_Resolution] = None,
+    eval_every: Optional[int] = None,
+    background: Optional[_Vector] = None,
+    antialias: Optional[bool] = None,
+    dilation: Optional[float] = None,
+    depth_order: bool = False,
     selector: Optional[str] = None,
     fine_tune: int = 0,
     views: Optional[int] = None,
@@ -325,14 +350,19 @@ def compress(
 ) -> tuple[Model, dict[str, Any]]:
     """Removes redundant Gaussians. Returns the smaller model and the record of `qirf-vk compress --json`.
 
-    keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes, with the highest
-    PSNR; or psnr: the minimum PSNR in dB, with the smallest file. The last two are of `output`, a file name as for Model.save, which is
-    written and read for the returned model; without one, of the .ply that the returned model makes.
+    keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes or as a text
+    such as "5MB" or "1165B", with the highest PSNR; or psnr: the minimum PSNR in dB, with the smallest file, and a UserWarning if none
+    reaches it. The last two are of `output`, a file name as for Model.save, which is written and read for the returned model; without one,
+    of the .ply that the returned model makes.
 
-    The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`, at a
-    resolution such as 640 (pixels wide) or "/2". selector: the rule that ranks Gaussians (docs/method.md); fine_tune: iterations of training
-    afterwards. record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
-    "fine_tuned"; each has psnr in dB and ssim.
+    The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`: those
+    in its folder images, at a resolution such as 640 (pixels wide) or "/2", of which every eval_every-th is held out (8 by default).
+    background, antialias, dilation and depth_order: as in evaluate. selector: the rule that ranks Gaussians (docs/method.md); fine_tune:
+    iterations of training afterwards.
+
+    record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
+    "fine_tuned"; each has psnr in dB, None where pictures are equal, and ssim. record["input"] and record["output"] have the bytes of the
+    model's .ply where the model is in memory, and None as its path.
     """
 
 def evaluate(
@@ -340,6 +370,7 @@ def evaluate(
     scene: Optional[_Path] = None,
     *,
     against: Optional[Model] = None,
+    images: Optional[_Path] = None,
     resolution: Optional[_Resolution] = None,
     eval_every: int = 8,
     background: Optional[_Vector] = None,
@@ -352,8 +383,12 @@ def evaluate(
 ) -> dict[str, Any]:
     """Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
 
-    resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: every eval_every-th photo is held out. background: red, green
-    and blue in [0, 1]. antialias, dilation and depth_order: as in Renderer; exposure: score with exposures fitted to the photos, as runs with
-    that effect do. The record's "test" has the means, "views" the scores of each view: psnr in dB, ssim, and, if weights are installed,
-    lpips_alex and the like.
+    images: the folder of the scene's photos, such as "images_4"; resolution: their size, such as 640 (pixels wide) or "/2". eval_every:
+    every eval_every-th photo is held out. background: red, green and blue in [0, 1]. antialias, dilation and depth_order: as in Renderer,
+    of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with exposures fitted to
+    the photos, as runs with that effect do.
+
+    The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and, if weights are
+    installed, lpips_alex and the like. "ply_bytes" are those of the .ply that the model makes; the record against another model has
+    "schema", "gaussians" with the numbers of "model" and "original", "test" and "views".
     """

@@ -1,4 +1,4 @@
-//! Words that messages share: counts, and refusals of unknown names.
+//! Words that messages share: counts, sizes, and refusals of unknown names.
 
 use std::fmt::Display;
 
@@ -39,6 +39,26 @@ pub fn counted<N: Copy + Display + PartialEq + From<u8>>(n: N, noun: &str) -> St
 pub fn mebibytes(bytes: u64) -> String {
     let mebi = bytes as f64 / f64::from(1 << 20);
     format!("{mebi:.*} MiB", usize::from(mebi < 9.95))
+}
+
+/// `5MB`: a number and a unit, of 1000 (kB, MB, GB) or 1024 (KiB, MiB, GiB), or `B`.
+pub fn file_size(text: &str) -> Result<u64, String> {
+    let at = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(at);
+    let unit = match unit.to_ascii_lowercase().as_str() {
+        "b" => 1.0,
+        "kb" => 1e3,
+        "mb" => 1e6,
+        "gb" => 1e9,
+        "kib" => 1024.0,
+        "mib" => 1048576.0,
+        "gib" => 1073741824.0,
+        _ => return Err("write a size with its unit, such as 5MB, 800kB or 4.5MiB".to_owned()),
+    };
+    let number =
+        number.trim().parse::<f64>().map_err(|_| "write a number with its unit, such as 5MB or 4.5MiB".to_owned())?;
+    let bytes = Some((number * unit).floor()).filter(|b| *b >= 1.0 && *b < 1e15);
+    bytes.map(|b| b as u64).ok_or_else(|| "write a size above 0, such as 5MB, 800kB or 4.5MiB".to_owned())
 }
 
 /// The refusal of a name that is not known: `'abc' is not a selector; possible values: gnso, css`. `what` has its article.

@@ -11,5 +11,6 @@ vec2 normals(uvec4 key) {
     uint h = hash(key.x ^ hash(key.y ^ hash(key.z ^ hash(key.w))));
     float u = (float(h >> 8) + 1) / 16777217.0;
     float angle = 6.283185307179586 * (float(hash(h) >> 8) / 16777216.0 - 0.5);
-    return -sqrt(-2 * log(u)) * vec2(cos(angle), sin(angle));
+    // A coarse logarithm of 1 may be positive.
+    return -sqrt(max(0.0, -2 * log(u))) * vec2(cos(angle), sin(angle));
 }

@@ -15,4 +15,5 @@ with tempfile.TemporaryDirectory() as folder:
     for part in (5, 10, 20, 40, 80):
         output = os.path.join(folder, f"{part}.sog")
         small, record = qirf_vk.compress(model, size=whole // part, output=output)
-        print(f'{os.path.getsize(output):10}  {len(small):9}  {record["test"]["written"]["psnr"]:5.2f}')
+        psnr = record["test"]["written"]["psnr"]  # None where pictures are equal
+        print(f'{os.path.getsize(output):10}  {len(small):9}  {"equal" if psnr is None else f"{psnr:5.2f}"}')

@@ -60,7 +60,11 @@ pub fn matrix<const R: usize, const C: usize>(object: &Bound<'_, PyAny>, name: &
 
 /// A record as Python's dictionaries and lists.
 pub fn dictionary<'py>(py: Python<'py>, record: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
-    let text = serde_json::to_string(record).map_err(|e| wrong(e.to_string()))?;
+    loads(py, &serde_json::to_string(record).map_err(|e| wrong(e.to_string()))?)
+}
+
+/// JSON as Python's dictionaries and lists.
+pub fn loads<'py>(py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method1("loads", (text,))
 }
 

@@ -2,44 +2,59 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{self, number, share, some_picture_size, some_whole, whole, wrong};
-use crate::model::Model;
-use crate::watch::Follower;
+use crate::errors::{self, colour, number, share, some_bytes, some_picture_size, some_whole, warn, whole, wrong};
+use crate::model::{Model, in_memory};
+use crate::options::read;
+use crate::photos::Photos;
+use crate::watch::{Callbacks, followed};
 use engine::gaussians::formats;
 use engine::job::records::Aim;
-use engine::job::{Error, Preset, RunConfig, Session};
+use engine::job::{Error, Session};
 use engine::metrics::Networks;
 use engine::pipeline::compress::fit::Target;
+use engine::pipeline::compress::remarks::{Remark, remarks};
 use engine::pipeline::compress::{self as engine_compress, CompressConfig, Input, ViewSource};
 use engine::pipeline::virtual_views::VirtualCameras;
 use engine::qirf::select::budget::Keep;
-use engine::render::Style;
 use pyo3::prelude::*;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Removes redundant Gaussians. Returns the smaller model and the record of `qirf-vk compress --json`.
 ///
-/// keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes, with the highest
-/// PSNR; or psnr: the minimum PSNR in dB, with the smallest file. The last two are of `output`, a file name as for Model.save, which is
-/// written and read for the returned model; without one, of the .ply that the returned model makes.
+/// keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes or as a text
+/// such as "5MB" or "1165B", with the highest PSNR; or psnr: the minimum PSNR in dB, with the smallest file, and a UserWarning if none
+/// reaches it. The last two are of `output`, a file name as for Model.save, which is written and read for the returned model; without one,
+/// of the .ply that the returned model makes.
 ///
-/// The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`, at a
-/// resolution such as 640 (pixels wide) or "/2". selector: the rule that ranks Gaussians (docs/method.md); fine_tune: iterations of training
-/// afterwards. record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
-/// "fine_tuned"; each has psnr in dB and ssim.
+/// The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`: those
+/// in its folder images, at a resolution such as 640 (pixels wide) or "/2", of which every eval_every-th is held out (8 by default).
+/// background, antialias, dilation and depth_order: as in evaluate. selector: the rule that ranks Gaussians (docs/method.md); fine_tune:
+/// iterations of training afterwards.
+///
+/// record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
+/// "fine_tuned"; each has psnr in dB, None where pictures are equal, and ssim. record["input"] and record["output"] have the bytes of the
+/// model's .ply where the model is in memory, and None as its path.
 #[pyfunction]
-#[pyo3(signature = (model, keep=None, *, count=None, size=None, psnr=None, output=None, scene=None, resolution=None,
-    selector=None, fine_tune=0, views=None, picture_size=None, seed=1, device=None, on_progress=None))]
+#[pyo3(signature = (model, keep=None, *, count=None, size=None, psnr=None, output=None, scene=None, images=None, resolution=None,
+    eval_every=None, background=None, antialias=None, dilation=None, depth_order=false, selector=None, fine_tune=0, views=None,
+    picture_size=None, seed=1, device=None, on_progress=None))]
 pub fn compress<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
     keep: Option<f64>,
     #[pyo3(from_py_with = some_whole)] count: Option<i64>,
-    #[pyo3(from_py_with = some_whole)] size: Option<i64>,
+    #[pyo3(from_py_with = some_bytes)] size: Option<u64>,
     psnr: Option<f64>,
     output: Option<PathBuf>,
     scene: Option<PathBuf>,
+    images: Option<PathBuf>,
     resolution: Option<Resolution>,
+    #[pyo3(from_py_with = some_whole)] eval_every: Option<i64>,
+    background: Option<[f32; 3]>,
+    antialias: Option<bool>,
+    dilation: Option<f32>,
+    depth_order: bool,
     selector: Option<&str>,
     #[pyo3(from_py_with = whole)] fine_tune: i64,
     #[pyo3(from_py_with = some_whole)] views: Option<i64>,
@@ -50,11 +65,11 @@ pub fn compress<'py>(
 ) -> PyResult<(Model, Bound<'py, PyAny>)> {
     let model = model.get();
     let (fine_tune, seed) = (number("fine_tune", fine_tune, 0)?, number("seed", seed, 0)?);
-    let mut config = CompressConfig { style: Style::of(model.mode), fine_tune, seed, ..CompressConfig::default() };
+    let style = model.style(antialias, dilation, depth_order)?;
+    let mut config = CompressConfig { style, fine_tune, seed, ..CompressConfig::default() };
     config.compression = CompressConfig::rule(fine_tune);
     if let Some(selector) = selector {
-        config.compression.selector =
-            serde_json::from_value(selector.into()).map_err(|e| wrong(format!("selector: {e}")))?;
+        config.compression.selector = read("selector", &selector.into())?;
     }
     if [keep.is_some(), count.is_some(), size.is_some(), psnr.is_some()].iter().filter(|given| **given).count() > 1 {
         return Err(wrong("keep, count, size and psnr ask for different models; give one of them"));
@@ -65,46 +80,69 @@ pub fn compress<'py>(
     if let Some(count) = count {
         config.compression.keep = Keep::Count(number("count", count, 1)?);
     }
-    let size: Option<u64> = size.map(|size| number("size", size, 1)).transpose()?;
-    let views: Option<u32> = views.map(|count| errors::views("views", count, 2)).transpose()?;
-    let usual = VirtualCameras::default();
-    let cameras =
-        VirtualCameras { views: views.unwrap_or(usual.views), size: picture_size.unwrap_or(usual.size), ..usual };
     if let Some(psnr) = psnr.filter(|psnr| !(5.0..=100.0).contains(psnr)) {
         return Err(wrong(format!("psnr={psnr}: give one from 5 to 100 dB")));
     }
-    config.views = match &scene {
-        Some(_) if views.is_some() || picture_size.is_some() => {
-            return Err(wrong(
-                "views and picture_size are of the model's own pictures, which a scene's photos replace",
-            ));
-        }
-        Some(scene) => {
-            let resolution = resolution.map(|r| r.0);
-            ViewSource::Photos(RunConfig { resolution, ..RunConfig::of(scene.clone(), Preset::default()) }.selection())
-        }
-        None if resolution.is_some() => {
-            return Err(wrong("resolution is that of a scene's photos; without a scene, picture_size"));
-        }
-        None => ViewSource::OwnPictures { cameras, background: [0.0; 3] },
-    };
+    let views = views.map(|count| errors::views("views", count, 2)).transpose()?;
+    if scene.is_some() && (views.is_some() || picture_size.is_some()) {
+        return Err(wrong("views and picture_size are of the model's own pictures, which a scene's photos replace"));
+    }
+    let eval_every = eval_every.map(|every| number("eval_every", every, 0)).transpose()?;
+    let background = background.map(colour).transpose()?;
+    let place = scene.clone().map(|scene| (scene, images.clone()));
+    let photos = Photos { scene, images, resolution, eval_every, background }.selection()?;
+    let usual = VirtualCameras::default();
+    let cameras =
+        VirtualCameras { views: views.unwrap_or(usual.views), size: picture_size.unwrap_or(usual.size), ..usual };
+    let own = ViewSource::OwnPictures { cameras, background: background.unwrap_or_default() };
+    config.views = photos.map_or(own, ViewSource::Photos);
     let aim = size.map(Aim::Bytes).or(psnr.map(Aim::Psnr));
     let device = or_usual(py, device)?;
-    let follower = Follower::new(None, on_progress);
-    let done = py.detach(|| -> Result<_, Error> {
+    let (smaller, mut record, warnings) = followed(py, Callbacks { on_step: None, on_progress }, |watcher| {
         let networks = Networks::default();
-        let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
-        let (input, origin) = model.placed(scene.as_deref())?;
-        let Some(output) = &output else {
-            let (record, smaller) = engine_compress::compress_in_memory(&session, input, (&config, aim))?;
-            return Ok((record, Model { origin, ..model.like(smaller) }));
-        };
+        let session = Session { watcher, ..Session::new(&device, &networks) };
+        compressed(&session, model, (&config, aim), (place.as_ref(), output.as_deref()))
+    })?;
+    in_memory(&mut record["input"]);
+    if output.is_none() {
+        in_memory(&mut record["output"]);
+    }
+    for line in warnings {
+        warn(py, &line)?;
+    }
+    Ok((smaller, dictionary(py, &record)?))
+}
+
+/// The smaller model, its record, and the lines to warn of.
+fn compressed(
+    session: &Session<'_>,
+    model: &Model,
+    (config, aim): (&CompressConfig, Option<Aim>),
+    (place, output): (Option<&(PathBuf, Option<PathBuf>)>, Option<&Path>),
+) -> Result<(Model, Value, Vec<String>), Error> {
+    let place = place.map(|(scene, images)| (scene.as_path(), images.as_deref()));
+    let (input, origin) = model.placed(place)?;
+    let smaller = |gaussians| Model { origin, mode: config.style.mode(), ..model.like(gaussians) };
+    let (record, smaller) = if let Some(output) = output {
         formats::check_output(output).map_err(Error::writing)?;
         let input = Input { path: Path::new(""), model: input, read_s: 0.0 };
         let target = Target { origin, ..Target::new(output) };
-        let record = engine_compress::compress_to(&session, input, (&config, aim), &target)?;
-        Ok((record, Model { origin, ..model.like(formats::read(output)?.gaussians) }))
-    });
-    let (record, smaller) = follower.result(done)?;
-    Ok((smaller, dictionary(py, &record)?))
+        let record = engine_compress::compress_to(session, input, (config, aim), &target)?;
+        (record, smaller(formats::read(output)?.gaussians))
+    } else {
+        let (mut record, gaussians) = engine_compress::compress_in_memory(session, (input, origin), (config, aim))?;
+        let smaller = smaller(gaussians);
+        record.output.bytes = smaller.ply_bytes()?;
+        (record, smaller)
+    };
+    let mut warnings = Vec::new();
+    for remark in remarks(&record) {
+        match remark {
+            Remark::Note(line) => session.watcher.note(&line),
+            Remark::Warning(line) => warnings.push(line),
+        }
+    }
+    let mut record = serde_json::to_value(&record).map_err(|e| Error::Usage(e.to_string()))?;
+    record["input"]["bytes"] = model.ply_bytes()?.into();
+    Ok((smaller, record, warnings))
 }

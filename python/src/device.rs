@@ -1,6 +1,7 @@
 //! Devices.
 
 use crate::errors::{number, raised, some_whole};
+use crate::fork::detached;
 use engine::gpu::{self, DeviceOptions};
 use engine::job::Error;
 use pyo3::prelude::*;
@@ -13,27 +14,38 @@ pub struct Device {
     pub(crate) inner: gpu::Device,
 }
 
+/// A device's index, or a text.
+struct Name(String);
+
+impl<'py> FromPyObject<'_, 'py> for Name {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        object.extract::<i64>().map(|index| index.to_string()).or_else(|_| object.extract()).map(Self)
+    }
+}
+
 #[pymethods]
 impl Device {
     /// Opens a device: by its index, a part of its name, "uuid:..." or "pci:...", else $QIRF_DEVICE, else the best there is.
     #[new]
-    #[pyo3(signature = (name=None, *, memory_limit=None))]
+    #[pyo3(signature = (name=None, *, memory_limit=None), text_signature = "(name=None, *, memory_limit=None)")]
     fn new(
         py: Python<'_>,
-        name: Option<String>,
+        name: Option<Name>,
         #[pyo3(from_py_with = some_whole)] memory_limit: Option<i64>,
     ) -> PyResult<Self> {
         let memory_limit = memory_limit.map(|bytes| number("memory_limit", bytes, 1)).transpose()?;
         let options = DeviceOptions::from_env().map_err(|e| raised(Error::from(e)))?;
-        let options = DeviceOptions { device: name.or(options.device), memory_limit, ..options };
-        let inner = py.detach(|| gpu::Device::open(&options)).map_err(|e| raised(Error::from(e)))?;
+        let options = DeviceOptions { device: name.map(|name| name.0).or(options.device), memory_limit, ..options };
+        let inner = detached(py, || gpu::Device::open(&options))?.map_err(|e| raised(Error::from(e)))?;
         Ok(Self { inner })
     }
 
     /// Names of all devices, in the order of their indices.
     #[staticmethod]
     fn list(py: Python<'_>) -> PyResult<Vec<String>> {
-        let all = py.detach(gpu::list).map_err(|e| raised(Error::from(e)))?;
+        let all = detached(py, gpu::list)?.map_err(|e| raised(Error::from(e)))?;
         Ok(all.into_iter().map(|info| info.name).collect())
     }
 

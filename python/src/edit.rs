@@ -1,60 +1,70 @@
 //! Edits: each makes a new model.
 
-use crate::arrays::Resolution;
+use crate::arrays::{Resolution, tuple};
 use crate::device::{Device, or_usual};
 use crate::errors::{number, raised, warn, whole, wrong};
+use crate::fork::detached;
 use crate::model::Model;
-use crate::watch::Follower;
-use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted, common_origin, rounding};
+use crate::photos::Photos;
+use crate::watch::{Callbacks, followed};
+use engine::edit::{Edit, MANY_FLOATERS, NEEDLE, Region, Similarity, Unwanted, common_origin, rounding};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::gpu;
-use engine::job::{Error, Preset, RunConfig, Session};
+use engine::job::{Error, Selection, Session};
 use engine::metrics::Networks;
 use engine::pipeline::virtual_views::VirtualCameras;
 use engine::pipeline::{floaters, place};
 use engine::render::Style;
 use engine::scene::{OpenOptions, Scene};
-use pyo3::exceptions::PyIndexError;
+use numpy::{PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
+use pyo3::types::PySlice;
 use std::path::PathBuf;
 
 impl Model {
     fn edited(&self, py: Python<'_>, edit: Edit) -> PyResult<Self> {
-        let edited = py.detach(|| {
+        let edited = detached(py, || {
             let mut model = Gaussians::clone(&self.inner);
             edit.apply(&mut model).map(|_| model)
-        });
+        })?;
         Ok(self.like(checked(edited)?))
     }
 
+    /// Moves the model, and warns if float32 rounds its positions there.
     fn transformed(&self, py: Python<'_>, map: Result<Similarity, engine::edit::Error>) -> PyResult<Self> {
-        self.edited(py, Edit::Transform(checked(map)?))
+        let moved = self.edited(py, Edit::Transform(checked(map)?))?;
+        if let Some(step) = rounding(&moved.inner).filter(|_| rounding(&self.inner).is_none()) {
+            let what = "the model now lies far from its origin";
+            warn(py, &format!("{what}: its positions are rounded to about {step:.1e} units"))?;
+        }
+        Ok(moved)
     }
 
-    fn without_floaters(
-        &self,
-        py: Python<'_>,
-        scene: Option<PathBuf>,
-        resolution: Option<Resolution>,
-        device: gpu::Device,
-    ) -> PyResult<Self> {
-        let (style, resolution, follower) = (Style::of(self.mode), resolution.map(|r| r.0), Follower::new(None, None));
-        let cleaned = py.detach(|| -> Result<_, Error> {
+    /// Removes floaters by these photos, or by pictures of the model, and warns if there are very many.
+    fn without_floaters(&self, py: Python<'_>, photos: Option<&Selection>, device: gpu::Device) -> PyResult<Self> {
+        let style = Style::of(self.mode);
+        let (model, removed) = followed(py, Callbacks::default(), |watcher| {
             let networks = Networks::default();
-            let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
-            let found = match scene {
-                Some(scene) => {
-                    let photos = RunConfig { resolution, ..RunConfig::of(scene, Preset::default()) }.selection();
-                    floaters::by_photos(&session, (&self.inner, self.origin), &photos, style)?
-                }
+            let session = Session { watcher, ..Session::new(&device, &networks) };
+            let found = match photos {
+                Some(photos) => floaters::by_photos(&session, (&self.inner, self.origin), photos, style)?,
                 None => floaters::by_own_pictures(&session, &self.inner, &VirtualCameras::default(), style)?,
             };
             let mut model = Gaussians::clone(&self.inner);
             model.compact(&found.iter().map(Option::is_none).collect::<Vec<bool>>());
-            Ok(model)
-        });
-        Ok(self.like(follower.result(cleaned)?))
+            Ok((model, found.iter().flatten().count()))
+        })?;
+        #[expect(clippy::cast_precision_loss, reason = "a share")]
+        let share = removed as f64 / self.inner.len().max(1) as f64;
+        if photos.is_some() && share > MANY_FLOATERS {
+            let n = self.inner.len();
+            let told = format!("{removed} of {n} Gaussians are floaters by these photos, far more than usual");
+            let place = "does the model lie where the photos were taken";
+            warn(py, &format!("{told}: {place}, and was it trained on pictures of this size (resolution)?"))?;
+        }
+        Ok(self.like(model))
     }
 
     fn cropped(&self, py: Python<'_>, region: Result<Region, engine::edit::Error>, outside: bool) -> PyResult<Self> {
@@ -68,7 +78,8 @@ fn checked<T>(made: Result<T, engine::edit::Error>) -> PyResult<T> {
 
 #[pymethods]
 impl Model {
-    /// Applies a similarity, (3, 4) or (4, 4), and rotates the spherical harmonics accordingly.
+    /// Applies a similarity, (3, 4) or (4, 4), and rotates the spherical harmonics accordingly. Like move_by, turn and scale, warns if float32
+    /// rounds positions far from the origin.
     fn transform(&self, py: Python<'_>, matrix: &Bound<'_, PyAny>) -> PyResult<Self> {
         let flat = py.import("numpy")?.call_method1("ravel", (matrix,))?.call_method0("tolist")?;
         let numbers: Vec<f64> = flat.extract()?;
@@ -106,21 +117,28 @@ impl Model {
         self.cropped(py, Region::ball(centre.into(), radius), outside)
     }
 
-    /// Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others.
-    #[pyo3(signature = (scene, *, least=1, outside=false))]
+    /// Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others. images:
+    /// the folder of its photos, such as "images_4".
+    #[pyo3(signature = (scene, *, images=None, least=1, outside=false))]
     fn crop_views(
         &self,
         py: Python<'_>,
         scene: PathBuf,
+        images: Option<PathBuf>,
         #[pyo3(from_py_with = whole)] least: i64,
         outside: bool,
     ) -> PyResult<Self> {
         let least = number("least", least, 1)?;
-        let region = py.detach(|| {
-            let scene = Scene::open(&scene, &OpenOptions::default())?;
-            place::seen((&self.inner, self.origin), &scene, least)
-        });
-        self.cropped(py, Ok(region.map_err(raised)?), outside)
+        let region = detached(py, || {
+            let opened = Scene::open(&scene, &OpenOptions { images, ..OpenOptions::default() })?;
+            let region = place::seen((&self.inner, self.origin), &opened, least)?;
+            Ok::<_, Error>((region, opened.skipped.summary()))
+        })?;
+        let (region, skipped) = region.map_err(raised)?;
+        for line in skipped {
+            warn(py, &format!("{}: {line}", scene.display()))?;
+        }
+        self.cropped(py, Ok(region), outside)
     }
 
     /// Drops the bands above this SH degree.
@@ -147,26 +165,29 @@ impl Model {
     }
 
     /// Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one; or
-    /// "floaters", Gaussians in empty space, which the photos of `scene`, at a resolution such as 640 (pixels wide) or "/2", show to be wrong,
-    /// or without a scene pictures of the model (docs/edit.md).
-    #[pyo3(signature = (kind, *, ratio=NEEDLE, scene=None, resolution=None, device=None))]
+    /// "floaters", Gaussians in empty space, which the photos of `scene`, in its folder images and at a resolution such as 640 (pixels wide)
+    /// or "/2", show to be wrong, or without a scene pictures of the model (docs/edit.md). A UserWarning tells of very many floaters.
+    #[pyo3(signature = (kind, *, ratio=NEEDLE, scene=None, images=None, resolution=None, device=None),
+        text_signature = "($self, kind, *, ratio=100.0, scene=None, images=None, resolution=None, device=None)")]
     fn remove(
         &self,
         py: Python<'_>,
         kind: &str,
         ratio: f64,
         scene: Option<PathBuf>,
+        images: Option<PathBuf>,
         resolution: Option<Resolution>,
         device: Option<&Bound<'_, Device>>,
     ) -> PyResult<Self> {
-        if kind != "floaters" && scene.is_some() || scene.is_none() && resolution.is_some() {
-            return Err(wrong("a scene shows \"floaters\", and resolution is that of its photos"));
+        if kind != "floaters" && scene.is_some() {
+            return Err(wrong(format!("a scene shows \"floaters\", and not {kind:?}: leave out scene")));
         }
+        let photos = Photos { scene, images, resolution, ..Photos::default() }.selection()?;
         let unwanted = match kind {
             "invisible" => Unwanted::Invisible,
             "needles" if ratio >= 1.0 => Unwanted::Needles(ratio),
             "needles" => return Err(wrong(format!("ratio={ratio}: give one of 1 or more"))),
-            "floaters" => return self.without_floaters(py, scene, resolution, or_usual(py, device)?),
+            "floaters" => return self.without_floaters(py, photos.as_ref(), or_usual(py, device)?),
             other => {
                 let kinds = "\"invisible\", \"needles\" and \"floaters\"";
                 return Err(wrong(format!("{other:?} is no kind to remove: there are {kinds}")));
@@ -180,26 +201,37 @@ impl Model {
         self.edited(py, Edit::MortonOrder)
     }
 
-    /// The Gaussians selected by a mask (n,) of bools, or by indices, in their order.
+    /// The Gaussians selected by a mask (n,) of bools, by indices (k,), in their order, or by a slice. Negative indices count from the end.
     fn select(&self, py: Python<'_>, chosen: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let numpy = py.import("numpy")?;
-        let array = numpy.call_method1("asarray", (chosen,))?;
-        let is_mask: bool = array.getattr("dtype")?.getattr("kind")?.eq("b")?;
         let n = self.inner.len();
-        let indices: Vec<i64> = if is_mask {
-            if array.len()? != n {
-                return Err(wrong(format!("a mask of {} for {n} Gaussians", array.len()?)));
-            }
-            numpy.call_method1("flatnonzero", (array,))?.call_method0("tolist")?.extract()?
-        } else {
-            array.call_method0("tolist")?.extract()?
+        let numpy = py.import("numpy")?;
+        let array = match chosen.cast::<PySlice>() {
+            Ok(slice) => numpy.call_method1("arange", (n,))?.get_item(slice)?,
+            Err(_) => numpy.call_method1("asarray", (chosen,))?,
         };
-        let within = |i: &i64| usize::try_from(*i).ok().filter(|i| *i < n);
+        let untyped = array.cast::<PyUntypedArray>()?;
+        let (shape, kind) = (untyped.shape(), untyped.dtype().kind());
+        let indices: Vec<i64> = match kind {
+            b'b' if shape != [n] => {
+                return Err(wrong(format!("a mask has the shape {}, and should have ({n},)", tuple(shape))));
+            }
+            b'b' => numpy.call_method1("flatnonzero", (&array,))?.call_method0("tolist")?.extract()?,
+            _ if shape.len() != 1 => {
+                return Err(wrong(format!("indices have the shape {}, and should have (k,)", tuple(shape))));
+            }
+            b'i' | b'u' => array.call_method0("tolist")?.extract()?,
+            _ if shape == [0] => Vec::new(),
+            _ => return Err(PyTypeError::new_err("indices should be whole numbers, and a mask should be of bools")),
+        };
+        let within = |i: &i64| {
+            let from_start = if *i < 0 { i.checked_add_unsigned(n as u64)? } else { *i };
+            usize::try_from(from_start).ok().filter(|i| *i < n)
+        };
         if let Some(beyond) = indices.iter().find(|i| within(i).is_none()) {
-            return Err(PyIndexError::new_err(format!("there is no Gaussian {beyond} among {n}: give numbers from 0")));
+            return Err(PyIndexError::new_err(format!("there is no Gaussian {beyond} among {n}")));
         }
         let indices: Vec<usize> = indices.iter().filter_map(within).collect();
-        Ok(self.like(py.detach(|| self.inner.select(&indices))))
+        Ok(self.like(detached(py, || self.inner.select(&indices))?))
     }
 }
 
@@ -212,7 +244,7 @@ pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     if models.iter().any(|other| other.mode != first.mode) {
         return Err(wrong("anti-aliased models and others cannot be one: they are drawn differently"));
     }
-    let (merged, origin, rounded) = py.detach(|| {
+    let (merged, origin, rounded) = detached(py, || {
         let own: Vec<_> = models.iter().map(|model| (&*model.inner, model.origin)).collect();
         let (mut all, origin) = (Gaussians::default(), common_origin(&own));
         let mut rounded = None::<f64>;
@@ -223,7 +255,7 @@ pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
             all.append(&moved);
         }
         (all, origin, rounded)
-    });
+    })?;
     if let Some(step) = rounded {
         let what = "a model lies far from the origin of the merged model";
         warn(py, &format!("{what}: its positions are rounded to about {step:.1e} units"))?;

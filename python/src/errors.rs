@@ -1,10 +1,13 @@
-//! The engine's errors as Python's exceptions, with the engine's words.
+//! The engine's errors as Python's exceptions, with the engine's words in Python's terms.
 
+use crate::words::in_python;
 use engine::job::{Error, Exit};
+use engine::wording::file_size;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyOverflowError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use std::error::Error as _;
 use std::io;
+use std::path::Path;
 
 pyo3::create_exception!(
     qirf_vk,
@@ -28,17 +31,44 @@ fn system(error: &Error) -> Option<&io::Error> {
 /// The exception for an error.
 pub fn raised(error: impl Into<Error>) -> PyErr {
     let error = error.into();
-    let text = error.to_string();
+    let text = in_python(&format!("{error}{}", remedy(&error)));
     match (Exit::of(&error), system(&error)) {
         (Exit::Interrupted, _) => PyKeyboardInterrupt::new_err(text),
         (Exit::Device, _) => DeviceError::new_err(text),
         (Exit::Resources, None) => PyMemoryError::new_err(text),
-        // Python makes a FileNotFoundError, a PermissionError ... of the system's number.
-        (_, Some(io)) => match io.raw_os_error().filter(|_| cfg!(unix)) {
-            Some(number) => PyOSError::new_err((number, text)),
-            None => PyOSError::new_err(text),
-        },
+        (_, Some(io)) => of_system(io, path(&error), text),
         _ => PyValueError::new_err(text),
+    }
+}
+
+/// Python makes a FileNotFoundError, a PermissionError ... of the system's number, and writes number and file itself.
+fn of_system(io: &io::Error, path: Option<&Path>, text: String) -> PyErr {
+    let Some(number) = io.raw_os_error().filter(|_| cfg!(unix)) else { return PyOSError::new_err(text) };
+    let ending = format!(" (os error {number})");
+    match path {
+        Some(path) => PyOSError::new_err((number, io.to_string().replace(&ending, ""), path.as_os_str().to_owned())),
+        None => PyOSError::new_err((number, text.replace(&ending, ""))),
+    }
+}
+
+/// The file or folder that could not be read or written.
+fn path(error: &Error) -> Option<&Path> {
+    match error {
+        Error::Read { path, .. } | Error::Write { path, .. } => Some(path),
+        _ => None,
+    }
+}
+
+/// What to do about an error, where that is not plain, as the end of its sentence.
+fn remedy(error: &Error) -> String {
+    match error {
+        Error::Unfinished(checkpoint) => {
+            format!(": give resume=True to go on with it, or delete {} to begin anew", checkpoint.display())
+        }
+        Error::OtherRun { .. } => ": give its own options and photos, or another output".to_owned(),
+        Error::NothingHeldOut(_) => ": give eval_every=1 to score all of them".to_owned(),
+        Error::NothingToTrainOn(_) => ": give a larger eval_every, or eval_every=0 to train on every photo".to_owned(),
+        _ => String::new(),
     }
 }
 
@@ -97,6 +127,15 @@ pub fn views<T: TryFrom<i64>>(name: &str, value: i64, least: i64) -> PyResult<T>
         return Err(wrong(format!("{name}={value}: give at most 100,000")));
     }
     number(name, value, least)
+}
+
+/// A size of a file in bytes: a whole number, or a text with a unit such as "5MB", "800kB", "4.5MiB" or "1165B"; or None.
+pub fn some_bytes(object: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
+    let Ok(text) = object.extract::<String>() else {
+        return some_whole(object)?.map(|size| number("size", size, 1)).transpose();
+    };
+    let form = "give a number of bytes, or a text such as \"5MB\", \"800kB\" or \"4.5MiB\"";
+    file_size(&text).map(Some).map_err(|_| wrong(format!("size={text:?}: {form}")))
 }
 
 /// Warns, at the line of Python that called.

@@ -2,32 +2,39 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{colour, number, whole, wrong};
+use crate::errors::{colour, number, warn, whole, wrong};
 use crate::model::Model;
-use crate::watch::Follower;
+use crate::photos::Photos;
+use crate::watch::{Callbacks, followed};
 use engine::gaussians::Gaussians;
-use engine::job::{Error, Preset, RunConfig, Session};
+use engine::job::{Error, Selection, Session};
 use engine::metrics::Networks;
 use engine::pipeline::eval::{self, Evaluation};
 use engine::pipeline::place::align;
 use engine::render::Style;
 use pyo3::prelude::*;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 /// Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
 ///
-/// resolution: of the photos, such as 640 (pixels wide) or "/2". eval_every: every eval_every-th photo is held out. background: red, green
-/// and blue in [0, 1]. antialias, dilation and depth_order: as in Renderer; exposure: score with exposures fitted to the photos, as runs with
-/// that effect do. The record's "test" has the means, "views" the scores of each view: psnr in dB, ssim, and, if weights are installed,
-/// lpips_alex and the like.
+/// images: the folder of the scene's photos, such as "images_4"; resolution: their size, such as 640 (pixels wide) or "/2". eval_every:
+/// every eval_every-th photo is held out. background: red, green and blue in [0, 1]. antialias, dilation and depth_order: as in Renderer,
+/// of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with exposures fitted to
+/// the photos, as runs with that effect do.
+///
+/// The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and, if weights are
+/// installed, lpips_alex and the like. "ply_bytes" are those of the .ply that the model makes; the record against another model has
+/// "schema", "gaussians" with the numbers of "model" and "original", "test" and "views".
 #[pyfunction]
-#[pyo3(signature = (model, scene=None, *, against=None, resolution=None, eval_every=8, background=None, antialias=None, dilation=None,
-    depth_order=false, exposure=false, device=None, on_progress=None))]
+#[pyo3(signature = (model, scene=None, *, against=None, images=None, resolution=None, eval_every=8, background=None, antialias=None,
+    dilation=None, depth_order=false, exposure=false, device=None, on_progress=None))]
 pub fn evaluate<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
     scene: Option<PathBuf>,
     against: Option<&Bound<'py, Model>>,
+    images: Option<PathBuf>,
     resolution: Option<Resolution>,
     #[pyo3(from_py_with = whole)] eval_every: i64,
     background: Option<[f32; 3]>,
@@ -38,43 +45,61 @@ pub fn evaluate<'py>(
     device: Option<&Bound<'py, Device>>,
     on_progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let (model, original) = (model.get(), against.map(Bound::get));
+    let model = model.get();
     let style = model.style(antialias, dilation, depth_order)?;
+    let original = match against.map(Bound::get) {
+        Some(original) => Some((original, original.style(antialias, dilation, depth_order)?)),
+        None => None,
+    };
     let background = background.map(colour).transpose()?;
-    if original.is_some() && resolution.is_some() {
-        return Err(wrong("resolution is that of a scene's photos"));
-    }
     if original.is_some() && exposure {
-        return Err(wrong("exposures are fitted to a scene's photos"));
+        return Err(wrong("exposures are fitted to a scene's photos: leave out exposure"));
+    }
+    if original.is_some() && scene.is_some() {
+        return Err(wrong("scene and against are two ways to score; give one of them"));
+    }
+    if original.is_none() && scene.is_none() {
+        return Err(wrong("give a scene, or another model as against"));
+    }
+    let of_photos = scene.is_some().then(|| number("eval_every", eval_every, 1)).transpose()?;
+    let photos = Photos { scene, images, resolution, eval_every: of_photos, background }.selection()?;
+    if let Some((_, other)) = original.filter(|(_, other)| *other != style) {
+        let (a, b) = (style.mode(), other.mode());
+        let remedy = "antialias=True or antialias=False draws both alike";
+        warn(py, &format!("this model is {a} and the original {b}, and they are drawn so; {remedy}"))?;
     }
     let device = or_usual(py, device)?;
-    let follower = Follower::new(None, on_progress);
-    let networks = Networks::find(None).map_err(|e| crate::errors::raised(Error::from(e)))?;
-    let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
-    match (scene, original) {
-        (Some(scene), None) => {
-            let (resolution, eval_every) = (resolution.map(|r| r.0), number("eval_every", eval_every, 1)?);
-            let usual = RunConfig::of(scene, Preset::default());
-            let selection = RunConfig { resolution, eval_every, background, ..usual }.selection();
-            let evaluation = Evaluation { selection, style, exposure };
-            let record = py.detach(|| {
-                let (model, _) = model.placed(Some(&evaluation.selection.scene))?;
-                eval::eval(&session, Path::new(""), &model, &evaluation, None)
-            });
-            dictionary(py, &follower.result(record)?)
+    let record = followed(py, Callbacks { on_step: None, on_progress }, |watcher| {
+        let networks = Networks::find(None)?;
+        let session = Session { watcher, ..Session::new(&device, &networks) };
+        match (photos, original) {
+            (Some(selection), _) => by_photos(&session, model, Evaluation { selection, style, exposure }),
+            (None, Some(original)) => by_original(&session, (model, style), original, background.unwrap_or_default()),
+            (None, None) => Err(Error::Usage("there is nothing to score against".to_owned())),
         }
-        (None, Some(original)) => {
-            let background = background.unwrap_or([0.0; 3]);
-            let held_out = py.detach(|| {
-                let mut moved = Gaussians::clone(&model.inner);
-                align(&mut moved, [model.origin, original.origin], &original.inner);
-                eval::against(&session, [(&moved, style), (&original.inner, Style::of(original.mode))], background)
-            });
-            let held_out = follower.result(held_out)?;
-            let record = serde_json::json!({ "test": held_out.mean(), "views": held_out.views });
-            dictionary(py, &record)
-        }
-        (Some(_), Some(_)) => Err(wrong("scene and against are two ways to score; give one of them")),
-        (None, None) => Err(wrong("give a scene, or another model as against")),
-    }
+    })?;
+    dictionary(py, &record)
+}
+
+/// The record of a model by photos.
+fn by_photos(session: &Session<'_>, model: &Model, evaluation: Evaluation) -> Result<Value, Error> {
+    let Selection { scene, images, .. } = &evaluation.selection;
+    let (placed, _) = model.placed(Some((scene, images.as_deref())))?;
+    let mut record = eval::eval(session, Path::new(""), &placed, &evaluation, None)?;
+    record.model_bytes = model.ply_bytes()?;
+    serde_json::to_value(&record).map_err(|e| Error::Usage(e.to_string()))
+}
+
+/// The record of a model by the pictures of another.
+fn by_original(
+    session: &Session<'_>,
+    (model, style): (&Model, Style),
+    (original, original_style): (&Model, Style),
+    background: [f32; 3],
+) -> Result<Value, Error> {
+    let mut moved = Gaussians::clone(&model.inner);
+    align(&mut moved, [model.origin, original.origin], &original.inner);
+    let held_out = eval::against(session, [(&moved, style), (&original.inner, original_style)], background)?;
+    let gaussians = json!({ "model": model.inner.len(), "original": original.inner.len() });
+    Ok(json!({ "schema": 1, "gaussians": gaussians, "test": held_out.mean(), "views": held_out.views }))
 }

@@ -2,7 +2,8 @@
 
 use crate::arrays::{borrowed, floats, rows, tuple};
 use crate::errors::{raised, warn, wrong};
-use engine::gaussians::formats::{self, Loaded, RenderMode};
+use crate::fork::detached;
+use engine::gaussians::formats::{self, Loaded, Precision, RenderMode, SpzVersion};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::job::Error;
@@ -11,11 +12,14 @@ use engine::render::Style;
 use numpy::ndarray::{ArrayView, Dimension, IntoDimension};
 use numpy::{PyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory.
-#[pyclass(frozen, module = "qirf_vk")]
+/// A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory. Models can be
+/// pickled; copies are the model itself.
+#[pyclass(frozen, weakref, module = "qirf_vk")]
 pub struct Model {
     pub(crate) inner: Arc<Gaussians>,
     pub(crate) mode: RenderMode,
@@ -37,13 +41,24 @@ impl Model {
         Ok(Style { antialias: antialias.unwrap_or(usual.antialias), dilation, depth_order })
     }
 
-    /// A copy of the Gaussians whose means count from where a scene's coordinates do, and that place.
-    pub(crate) fn placed(&self, scene: Option<&Path>) -> Result<(Gaussians, [f64; 3]), Error> {
+    /// A copy of the Gaussians whose means count from where the coordinates of a scene with these photos do, and that place.
+    pub(crate) fn placed(&self, scene: Option<(&Path, Option<&Path>)>) -> Result<(Gaussians, [f64; 3]), Error> {
         let (mut model, mut origin) = (Gaussians::clone(&self.inner), self.origin);
         if let Some(scene) = scene {
-            place(&mut model, &mut origin, (scene, None))?;
+            place(&mut model, &mut origin, scene)?;
         }
         Ok((model, origin))
+    }
+
+    /// The bytes of its .ply.
+    pub(crate) fn ply(&self) -> Result<Vec<u8>, Error> {
+        let how = (Precision::Fixed, SpzVersion::default());
+        formats::encode(Path::new("model.ply"), &self.inner, (self.mode, self.origin), how).map_err(Error::writing)
+    }
+
+    /// The number of bytes of its .ply.
+    pub(crate) fn ply_bytes(&self) -> Result<u64, Error> {
+        self.ply().map(|bytes| bytes.len() as u64)
     }
 
     /// A copy of the Gaussians whose means count from another place in the world.
@@ -72,6 +87,29 @@ impl From<Loaded> for Model {
     }
 }
 
+/// The part of a record about a model in memory: it has no path.
+pub fn in_memory(model: &mut Value) {
+    model["path"] = Value::Null;
+}
+
+/// The model that was pickled.
+#[pyfunction(name = "_model")]
+pub fn unpickled(arrays: &Bound<'_, PyTuple>, antialiased: bool, origin: [f64; 3]) -> PyResult<Model> {
+    let item = |at| arrays.get_item(at);
+    Model::from_arrays(&item(0)?, &item(1)?, &item(2)?, &item(3)?, &item(4)?, antialiased, origin)
+}
+
+/// True for a list of bands: its first item has three axes, and that of a list of all coefficients two.
+fn is_list_of_bands(sh: &Bound<'_, PyAny>) -> PyResult<bool> {
+    if sh.hasattr("dtype")? {
+        return Ok(false);
+    }
+    let Ok(list) = sh.extract::<Vec<Bound<'_, PyAny>>>() else { return Ok(false) };
+    let Some(first) = list.first() else { return Ok(true) };
+    let axes = sh.py().import("numpy")?.call_method1("ndim", (first,)).and_then(|axes| axes.extract::<usize>());
+    Ok(axes.is_ok_and(|axes| axes == 3))
+}
+
 /// Bands from a list of them, or from one array of all coefficients (n, (L + 1)^2, 3).
 fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
     let of = |at: usize, band: &Bound<'_, PyAny>| {
@@ -83,10 +121,8 @@ fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
             Err(wrong(format!("sh[{at}] has the shape {}, and should have {}", tuple(&shape), tuple(&expected))))
         }
     };
-    if let Ok(list) = sh.extract::<Vec<Bound<'_, PyAny>>>()
-        && !sh.hasattr("dtype")?
-    {
-        return list.iter().enumerate().map(|(at, band)| of(at, band)).collect();
+    if is_list_of_bands(sh)? {
+        return sh.extract::<Vec<Bound<'_, PyAny>>>()?.iter().enumerate().map(|(at, band)| of(at, band)).collect();
     }
     let (shape, numbers) = floats(sh, "sh")?;
     let degree = (0..=MAX_SH_DEGREE).find(|l| shape == [n, (l + 1) * (l + 1), 3]);
@@ -103,11 +139,12 @@ fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
 #[pymethods]
 impl Model {
     /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out,
-    /// with a UserWarning.
+    /// with a UserWarning, which also tells of an unclear tag and of a file without Gaussians.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let loaded = py.detach(|| formats::read(&path)).map_err(|e| raised(Error::from(e)))?;
-        if let Some(remark) = loaded.remark() {
+        let loaded = detached(py, || formats::read(&path))?.map_err(|e| raised(Error::from(e)))?;
+        let none = loaded.gaussians.is_empty().then(|| "it holds no Gaussian".to_owned());
+        for remark in [loaded.doubt.clone(), loaded.remark(), none].into_iter().flatten() {
             warn(py, &format!("{}: {remark}", path.display()))?;
         }
         Ok(loaded.into())
@@ -116,9 +153,11 @@ impl Model {
     /// Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
     ///
     /// means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
-    /// (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3); L is 0 to 3; origin: see Model.origin.
+    /// (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3), as an array or
+    /// nested lists; L is 0 to 3; origin: see Model.origin.
     #[staticmethod]
-    #[pyo3(signature = (means, log_scales, rotations, opacity_logits, sh, *, antialiased=false, origin=[0.0; 3]))]
+    #[pyo3(signature = (means, log_scales, rotations, opacity_logits, sh, *, antialiased=false, origin=[0.0; 3]),
+        text_signature = "(means, log_scales, rotations, opacity_logits, sh, *, antialiased=False, origin=(0.0, 0.0, 0.0))")]
     fn from_arrays(
         means: &Bound<'_, PyAny>,
         log_scales: &Bound<'_, PyAny>,
@@ -151,10 +190,14 @@ impl Model {
         Ok(Self { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
     }
 
-    /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json beside it.
+    /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json
+    /// beside it. A model without Gaussians is a ValueError.
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| formats::write_at(&path, &self.inner, self.mode, self.origin))
-            .map_err(|e| raised(Error::writing(e)))
+        if self.inner.is_empty() {
+            return Err(wrong("the model has no Gaussian: nothing was written"));
+        }
+        let written = detached(py, || formats::write_at(&path, &self.inner, self.mode, self.origin))?;
+        written.map_err(|e| raised(Error::writing(e)))
     }
 
     /// Centres in world units, (n, 3).
@@ -208,6 +251,27 @@ impl Model {
     #[getter]
     fn origin(&self) -> (f64, f64, f64) {
         self.origin.into()
+    }
+
+    fn __reduce__<'py>(this: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let (py, model) = (this.py(), this.get());
+        let arrays = (
+            Self::means(this)?,
+            Self::log_scales(this)?,
+            Self::rotations(this)?,
+            Self::opacity_logits(this)?,
+            Self::sh(this)?,
+        );
+        let make = py.import("qirf_vk")?.getattr("_model")?;
+        Ok((make, (arrays, model.antialiased(), model.origin()).into_pyobject(py)?))
+    }
+
+    fn __copy__<'py>(this: &Bound<'py, Self>) -> Bound<'py, Self> {
+        this.clone()
+    }
+
+    fn __deepcopy__<'py>(this: &Bound<'py, Self>, _memo: &Bound<'py, PyDict>) -> Bound<'py, Self> {
+        this.clone()
     }
 
     fn __len__(&self) -> usize {

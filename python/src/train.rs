@@ -2,21 +2,20 @@
 
 use crate::arrays::{dictionary, json};
 use crate::device::{Device, or_usual};
-use crate::errors::{number, share, wrong};
+use crate::errors::wrong;
+use crate::fork::detached;
 use crate::model::Model;
-use crate::watch::Follower;
-use engine::effects::{Choice, Effect};
-use engine::gaussians::formats;
-use engine::job::config::Pruning;
+use crate::options::{configuration, from_model};
+use crate::watch::{Callbacks, followed};
+use engine::gaussians::formats::{self, RenderMode};
 use engine::job::earlier::{self, Earlier};
-use engine::job::{Error, Output, Preset, RunConfig, Session};
+use engine::job::{Error, Init, Output, RunConfig, Session};
 use engine::metrics::Networks;
 use engine::pipeline::run;
-use engine::qirf::select::budget::Keep;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use serde_json::{Map, Value};
-use std::path::PathBuf;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
 
 /// A finished run.
 #[pyclass(frozen, module = "qirf_vk")]
@@ -35,66 +34,79 @@ pub struct Run {
     folder: Option<PathBuf>,
 }
 
-/// Takes an option out of them, in Rust's type.
-fn taken<T: serde::de::DeserializeOwned>(options: &mut Map<String, Value>, name: &str) -> PyResult<Option<T>> {
-    let Some(value) = options.shift_remove(name).filter(|value| !value.is_null()) else { return Ok(None) };
-    serde_json::from_value(value).map(Some).map_err(|e| wrong(format!("{name}: {e}")))
+#[pymethods]
+impl Run {
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let psnr = self.record.bind(py).get_item("test")?.get_item("psnr").and_then(|psnr| psnr.extract::<f64>());
+        let psnr = psnr.map_or_else(|_| String::new(), |psnr| format!(", PSNR {psnr:.2} dB"));
+        let folder = self.folder.as_ref().map_or_else(String::new, |folder| format!(", in {}", folder.display()));
+        Ok(format!("Run({}{psnr}{folder})", self.model.bind(py).repr()?))
+    }
 }
 
-/// The configuration of a run: the preset's, with these options.
-fn configuration(scene: PathBuf, preset: &str, mut options: Map<String, Value>) -> PyResult<RunConfig> {
-    let preset: Preset = serde_json::from_value(preset.into()).map_err(|e| wrong(format!("preset: {e}")))?;
-    let mut config = RunConfig::of(scene, preset);
-    config.schedule = preset.schedule(taken(&mut options, "iterations")?);
-    // In config.toml these keys tell what was decided; here they ask for it.
-    for (name, effect, _) in config.switches() {
-        if let Some(on) = taken::<bool>(&mut options, name)? {
-            config.effects.set(effect, if on { Choice::On } else { Choice::Off });
+/// The initial model of a run, if it is no file.
+fn initial(options: &Bound<'_, PyDict>) -> PyResult<Option<Py<Model>>> {
+    let Some(init) = options.get_item("init")? else { return Ok(None) };
+    let Ok(model) = init.cast::<Model>() else { return Ok(None) };
+    options.del_item("init")?;
+    Ok(Some(model.clone().unbind()))
+}
+
+/// Writes the initial model into the run's folder; refuses another one than the run began with.
+fn store(path: &Path, model: &Model, folder: &Path, resumed: bool) -> Result<(), Error> {
+    if resumed && path.exists() {
+        if formats::read(path)?.gaussians == *model.inner {
+            return Ok(());
         }
+        let changes = vec!["init was another model".to_owned()];
+        return Err(Error::OtherRun { folder: folder.to_owned(), changes });
     }
-    if let Some(degree) = options.get("sh_degree").and_then(Value::as_u64) {
-        config.effects.set(Effect::ViewDependence, if degree > 0 { Choice::On } else { Choice::Off });
+    let bytes = model.ply()?;
+    formats::write_atomically(path, |out| out.write_all(&bytes)).map_err(Error::writing)
+}
+
+/// What a run leaves.
+struct Left {
+    record: String,
+    model: Model,
+    log: String,
+}
+
+/// How a run goes about its folder.
+#[derive(Clone, Copy)]
+struct Manner<'a> {
+    resume: bool,
+    /// The initial model, if it is no file.
+    initial: Option<&'a Model>,
+}
+
+/// The file of an initial model that came from memory.
+fn initial_file(folder: &Path) -> PathBuf {
+    folder.join("initial.ply")
+}
+
+fn job(session: &Session<'_>, config: &RunConfig, folder: &Path, manner: Manner<'_>) -> Result<Left, Error> {
+    let output = Output::claim(folder)?;
+    let found = Earlier::of(&output);
+    if !manner.resume && found == Earlier::Interrupted {
+        return Err(Error::Unfinished(output.checkpoint()));
     }
-    let effects: Option<Vec<String>> = taken(&mut options, "effects")?;
-    for effect in effects.iter().flatten() {
-        let (effect, choice) = engine::effects::Overrides::parse(effect).map_err(wrong)?;
-        config.effects.set(effect, choice);
+    let resumed = manner.resume && found != Earlier::Nothing;
+    if resumed {
+        earlier::check(&output, config)?;
     }
-    let (keep, count): (Option<f64>, Option<i64>) = (taken(&mut options, "keep")?, taken(&mut options, "count")?);
-    let prune = taken(&mut options, "prune")?.unwrap_or(true);
-    let keep = match (keep, count) {
-        (Some(_), Some(_)) => return Err(wrong("keep and count ask for two numbers of Gaussians; give one of them")),
-        (Some(keep), None) => Some(Keep::Share(share(keep)?)),
-        (None, Some(count)) => Some(Keep::Count(number("count", count, 1)?)),
-        (None, None) => None,
-    };
-    if !prune && keep.is_some() {
-        return Err(wrong("a run without a prune keeps all: leave out keep and count"));
+    if let Some(model) = manner.initial {
+        store(&initial_file(folder), model, folder, resumed)?;
     }
-    if prune {
-        let mut pruning: Pruning = preset.pruning();
-        pruning.compression.keep = keep.unwrap_or(pruning.compression.keep);
-        config = config.pruned(pruning);
+    if !(manner.resume && found == Earlier::Finished) {
+        run::run(session, config, &output, manner.resume)?;
+        output.complete();
     }
-    options.retain(|_, value| !value.is_null());
-    if let Some(resolution @ Value::Number(_)) = options.get_mut("resolution") {
-        *resolution = Value::String(resolution.to_string()); // a width in pixels
-    }
-    let with = |options: Map<String, Value>| {
-        let fields = serde_json::from_value(Value::Object(options)).map_err(|e| e.to_string())?;
-        config.with(fields).map_err(|e| e.to_string())
-    };
-    with(options.clone()).map_err(|error| {
-        // The first option that is wrong alone, whose place in config.toml says nothing to who gave it.
-        let one = |(name, value): (String, Value)| Some((name.clone(), with(Map::from_iter([(name, value)])).err()?));
-        let Some((name, error)) = options.into_iter().find_map(one) else { return wrong(error) };
-        if error.starts_with("unknown field") {
-            return wrong(format!("{error}; and here iterations, keep and count"));
-        }
-        match error.split_once(": ") {
-            Some((place, what)) if place.starts_with("line ") => wrong(format!("{name}: {what}")),
-            _ => wrong(error),
-        }
+    let text = |path: PathBuf| std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source });
+    Ok(Left {
+        record: text(output.metrics())?,
+        model: formats::read(&output.model())?.into(),
+        log: text(output.log())?,
     })
 }
 
@@ -104,11 +116,15 @@ fn configuration(scene: PathBuf, preset: &str, mut options: Map<String, Value>) 
 /// output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there.
 ///
 /// on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr if it was measured,
-/// rates, device_bytes. on_progress gets the stage, the steps done and their total. An exception in a callback ends the run.
+/// rates, device_bytes. on_progress gets the stage, the steps done and their total, which never fall within a stage. Both are called in the
+/// thread that called train. An exception in a callback ends the run.
 ///
-/// options: iterations; keep (a share) or count of Gaussians, or prune=False; effects, such as ["exposure=on"]; and every key of
-/// config.toml, such as seed, resolution (640 pixels wide, or "/2"), images, eval_every, sh_degree, max_gaussians, checkpoint_every,
-/// background, clean.
+/// options: every key of config.toml, such as seed, resolution (640 pixels wide, or "/2"), images, eval_every, sh_degree, max_gaussians,
+/// checkpoint_every, background, clean; tables are dicts. train(**tomllib.load(file)) repeats the run whose config.toml that is; its paths
+/// within the run's folder are relative to it. In a dict as schedule or prune, keys that are left out have the preset's values, and None
+/// removes one. Short forms: iterations; keep (a share) or count of Gaussians; prune=False; schedule="attrition", "one-shot" or "gradual",
+/// the schedule of the prune; effects=["exposure=on"] or {"exposure": "on"}; init="random", the path of a model, or a Model, which is written
+/// to the folder as initial.ply. Unknown keywords are TypeErrors.
 #[pyfunction]
 #[pyo3(signature = (scene, preset="standard", *, output=None, device=None, resume=false, on_step=None, on_progress=None, **options))]
 pub fn train(
@@ -122,39 +138,62 @@ pub fn train(
     on_progress: Option<Py<PyAny>>,
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Run> {
-    let config = configuration(scene, preset, options.map(json).transpose()?.unwrap_or_default())?;
+    if output.as_ref().is_some_and(|folder| folder.as_os_str().is_empty()) {
+        return Err(wrong("output is an empty path: name a folder, or leave it out"));
+    }
     if resume && output.is_none() {
         return Err(wrong("resume=True goes on from a checkpoint: name the run's folder as output"));
     }
-    let device = or_usual(py, device)?;
+    let options = options.map_or_else(|| Ok(PyDict::new(py)), Bound::copy)?;
+    let model = initial(&options)?;
+    let options = json(&options)?;
+    let asked = options.contains_key("antialias") || options.get("effects").is_some_and(names_antialias);
+    let mut config = configuration(py, scene, preset, options)?;
     let temporary = tempfile::tempdir()?;
     let folder = output.clone().unwrap_or_else(|| temporary.path().to_owned());
-    let follower = Follower::new(on_step, on_progress);
-    let done = py.detach(|| -> Result<_, Error> {
-        let output = Output::claim(&folder)?;
-        let found = Earlier::of(&output);
-        if !resume && found == Earlier::Interrupted {
-            return Err(Error::Unfinished(output.checkpoint()));
-        }
-        if resume && found != Earlier::Nothing {
-            earlier::check(&output, &config)?;
-        }
+    if let Some((path, mode)) = beginning(py, &config, &folder, model.as_ref())? {
+        config = from_model(config, &path, mode, asked);
+    }
+    let device = or_usual(py, device)?;
+    let manner = Manner { resume, initial: model.as_ref().map(Py::get) };
+    let left = followed(py, Callbacks { on_step, on_progress }, |watcher| {
         let networks = Networks::find(None)?;
-        let session = Session { watcher: &follower, ..Session::new(&device, &networks) };
-        if !(resume && found == Earlier::Finished) {
-            run::run(&session, &config, &output, resume)?;
-            output.complete();
-        }
-        let text = |path: PathBuf| std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source });
-        Ok((text(output.metrics())?, formats::read(&output.model())?, text(output.log())?))
-    });
-    let (record, loaded, log) = follower.result(done)?;
+        job(&Session { watcher, ..Session::new(&device, &networks) }, &config, &folder, manner)
+    })?;
     let json = |text: &str| serde_json::from_str::<Value>(text).map_err(|e| wrong(e.to_string()));
-    let (record, log) = (json(&record)?, log.lines().map(json).collect::<PyResult<Vec<Value>>>()?);
+    let log = left.log.lines().map(json).collect::<PyResult<Vec<Value>>>()?;
     Ok(Run {
-        model: Py::new(py, Model::from(loaded))?,
-        record: dictionary(py, &record)?.unbind(),
+        model: Py::new(py, left.model)?,
+        record: dictionary(py, &json(&left.record)?)?.unbind(),
         log: dictionary(py, &log)?.unbind(),
         folder: output,
     })
+}
+
+/// True if `effects`, as a list, a text or a table, names anti-aliasing.
+fn names_antialias(effects: &Value) -> bool {
+    match effects {
+        Value::String(text) => text.trim_start().starts_with("antialias"),
+        Value::Array(list) => list.iter().any(names_antialias),
+        Value::Object(table) => table.contains_key("antialias"),
+        _ => false,
+    }
+}
+
+/// The file that a run begins with, and its mode, if it begins with a model.
+fn beginning(
+    py: Python<'_>,
+    config: &RunConfig,
+    folder: &Path,
+    model: Option<&Py<Model>>,
+) -> PyResult<Option<(PathBuf, RenderMode)>> {
+    if let Some(model) = model {
+        return Ok(Some((initial_file(folder), model.get().mode)));
+    }
+    let Init::Model(path) = &config.init else { return Ok(None) };
+    // A config.toml names the model that lies beside it without their folder.
+    let beside = folder.join(path);
+    let path = if path.exists() || !beside.is_file() { path.clone() } else { beside };
+    let read = detached(py, || formats::read(&path))?;
+    Ok(Some((path, read.map_err(|e| crate::errors::raised(Error::from(e)))?.mode)))
 }

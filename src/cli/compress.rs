@@ -11,19 +11,19 @@ use super::view::{self, Watched};
 use super::{Global, check_file, check_folder, check_model, tell_of_missing};
 use crate::extension::has_extension;
 use crate::gaussians::formats::{self, Precision, SpzPrecision};
-use crate::job::records::{Aim, CompressRecord, StageScores, Truth};
+use crate::job::records::{CompressRecord, StageScores, Truth};
 use crate::job::{Error, Output};
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::compress::curve::{CurvePlan, SIZES, curve};
 use crate::pipeline::compress::fit::{self, Target};
 use crate::pipeline::compress::peer::Peer;
+use crate::pipeline::compress::remarks::remarks;
 use crate::pipeline::compress::{self, Input};
 use crate::pipeline::place::place;
 use crate::qirf::pairs::PairCounts;
-use crate::report::format::bytes;
 use crate::report::{of_compression, of_curve};
 use crate::wording::counted;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -134,7 +134,7 @@ impl Arguments {
             let text = if page { of_compression(&figures) } else { format!("{json:#}\n") };
             Output::text(path, &text)?;
         }
-        remarks(&figures, console);
+        console.tell(remarks(&figures));
         if self.json { console.json(&json) } else { report(console, &figures) }
     }
 
@@ -203,49 +203,6 @@ pub(super) fn outcome(figures: &CompressRecord) -> String {
     let Some(aim) = aim else { return String::new() };
     let psnr = test.written.as_ref().map_or(aim.chosen.psnr, |scores| scores.psnr);
     fit::line(aim, (output.bytes, output.gaussians), psnr)
-}
-
-/// Tells where the file has less than was requested, and warns if packing ruins it.
-pub(super) fn remarks(figures: &CompressRecord, console: &Console) {
-    let CompressRecord { aim, input, output, test, .. } = figures;
-    match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
-        Some((Aim::Bytes(size), _)) if output.gaussians == input.gaussians && 20 * output.bytes < 19 * size => console
-            .note(format_args!(
-                "the whole model takes {} in this format: no larger file, up to {}, is better",
-                bytes(output.bytes),
-                bytes(size)
-            )),
-        Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => console.warn(format_args!(
-            "no file in this format reaches {wanted} dB: this one, of the whole model, is the finest"
-        )),
-        Some((Aim::Psnr(wanted), Some(psnr))) if psnr > wanted + ABOVE => console.note(format_args!(
-            "no smaller file was found that reaches {wanted} dB: this one is {:.1} dB above",
-            psnr - wanted
-        )),
-        _ => {}
-    }
-    let psnr = |scores: &Option<Scores>| scores.as_ref().map(|scores| scores.psnr.unwrap_or(f64::INFINITY));
-    let packing = psnr(test.fine_tuned.as_ref().map_or(&test.pruned, |_| &test.fine_tuned)).zip(psnr(&test.written));
-    if let Some((_, written)) = packing.filter(|(before, written)| before - written > PACKED) {
-        poor(console, &output.path, written);
-    }
-}
-
-/// PSNR in dB below which a file is called a poor copy.
-const POOR: f64 = 40.0;
-/// Excess over the wanted PSNR, in dB, that is reported.
-const ABOVE: f64 = 0.1;
-/// Loss in dB by packing alone that a compressed file does not need.
-const PACKED: f64 = 3.0;
-
-/// Warns of a poor copy, with the PSNR of its pictures.
-pub(super) fn poor(console: &Console, path: &Path, psnr: f64) {
-    if psnr < POOR {
-        console.warn(format_args!(
-            "{} is a poor copy: its pictures have {psnr:.1} dB against the model's; .ply and .glb lose nothing",
-            path.display()
-        ));
-    }
 }
 
 fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {

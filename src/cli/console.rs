@@ -1,6 +1,7 @@
 //! Output: results go to standard output, all else to standard error; colour and bars appear only on a terminal.
 
 use crate::job::Error;
+use crate::pipeline::compress::remarks::Remark;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
@@ -59,6 +60,16 @@ impl Console {
     pub fn note(&self, line: impl std::fmt::Display) {
         if !self.quiet {
             self.error(line);
+        }
+    }
+
+    /// Tells remarks, as notes and warnings.
+    pub fn tell(&self, remarks: impl IntoIterator<Item = Remark>) {
+        for remark in remarks {
+            match remark {
+                Remark::Note(line) => self.note(line),
+                Remark::Warning(line) => self.warn(line),
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! `qirf-vk convert IN OUT`.
 
-use super::compress::{outcome, poor, remarks};
+use super::compress::outcome;
 use super::console::Console;
 use super::inspect::read_model;
 use super::show::Show;
@@ -15,6 +15,7 @@ use crate::job::{Error, Session};
 use crate::metrics::Networks;
 use crate::pipeline::compress::fit::Target;
 use crate::pipeline::compress::levels::levels;
+use crate::pipeline::compress::remarks::{poor, remarks};
 use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to, cost};
 use crate::pipeline::eval;
 use crate::pipeline::place::shift_to;
@@ -75,7 +76,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     rendering: style::Rendering,
     /// Maximum size of the page, such as 5MB: find the page with the highest PSNR
-    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = values::file_size, help_heading = "Pages (.html)")]
+    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = crate::wording::file_size, help_heading = "Pages (.html)")]
     size: Option<u64>,
     /// Scene whose first camera shows the model first [default: the whole model]
     #[arg(long, value_name = "SCENE", help_heading = "Pages (.html)")]
@@ -225,7 +226,7 @@ impl Arguments {
         let config = CompressConfig { views, style, ..CompressConfig::default() };
         let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
         let record = compress_to(session, input, (&config, Some(Aim::Bytes(size))), target)?;
-        remarks(&record, console);
+        console.tell(remarks(&record));
         console.note(format_args!("{} in {}", outcome(&record), self.output.display()));
         Ok(())
     }
@@ -292,7 +293,7 @@ fn write_measured(
     let (packed, cost) = match session {
         Some(session) if !model.is_empty() => {
             let (packed, psnr) = cost::pack(session, (model, style), target)?;
-            poor(console, target.path, psnr.unwrap_or(f64::INFINITY));
+            console.tell(poor(target.path, psnr.unwrap_or(f64::INFINITY)));
             let same = || "; pictures are equal".to_owned();
             (packed, psnr.map_or_else(same, |psnr| format!("; {psnr:.1} dB against it")))
         }

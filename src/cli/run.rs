@@ -1,7 +1,7 @@
 //! `qirf-vk run SCENE`.
 
 use super::choices::Choices;
-use super::compress::{outcome, remarks};
+use super::compress::outcome;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
 use super::outputs::check_no_comparison;
@@ -10,12 +10,13 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::view::{self, Watched};
-use super::{Global, check_file, check_folder, tell_of_missing, values, viewer};
+use super::{Global, check_file, check_folder, tell_of_missing, viewer};
 use crate::gaussians::formats;
 use crate::job::output::{bytes_on_disk, same_place};
 use crate::job::records::{Aim, CompressRecord, RunRecord, ViewScores};
 use crate::job::{Earlier, Error, Init, Output, RunConfig, Session, Silent, earlier};
 use crate::pipeline::compress::fit::Target;
+use crate::pipeline::compress::remarks::remarks;
 use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use crate::pipeline::run;
 use crate::pose::{is_video, pose};
@@ -81,7 +82,7 @@ pub(super) struct Arguments {
     clean: bool,
     /// Also write model.sog, the file of at most this size, such as 5MB, with the highest PSNR against the photos. It is made
     /// from the pruned model: for a large size, use a larger --keep
-    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = values::file_size)]
+    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = crate::wording::file_size)]
     size: Option<u64>,
     /// Embed a viewer with the model in report.html; the page grows by 4/3 of the size of the SPZ
     #[arg(long)]
@@ -244,7 +245,7 @@ impl Arguments {
             let style = RunConfig::read(&output.config())?.style;
             let session = self.resources.session((&device, &networks), &watcher);
             let packed = pack(&session, (config, style), (output, size), console)?;
-            remarks(&packed, console);
+            console.tell(remarks(&packed));
             console.note(format_args!("packed {}", outcome(&packed)));
         }
         if !output.report().exists() && !self.no_report {
@@ -316,7 +317,7 @@ impl Arguments {
         ))?;
         console.print(format_args!("       {}", output.model().display()))?;
         if let Some(packed) = packed {
-            remarks(packed, console);
+            console.tell(remarks(packed));
             console.print(format_args!("packed {}", outcome(packed)))?;
             console.print(format_args!("       {}", output.packed().display()))?;
         }

@@ -6,7 +6,7 @@ use crate::qirf::partition::Partition;
 use crate::render::Style;
 use crate::scene::Resize;
 use crate::scene::orbit::UP;
-use crate::wording::unknown;
+use crate::wording::{file_size, unknown};
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, TypedValueParser};
 use glam::DVec3;
@@ -92,26 +92,6 @@ pub(super) fn size_of_file_or_pictures(text: &str) -> Result<Size, String> {
         Err(fault) if text.contains(['x', 'X']) && !is_file => Err(fault),
         _ => file_size(text).map(Size::File),
     }
-}
-
-/// `5MB`: a number and a unit, of 1000 (kB, MB, GB) or 1024 (KiB, MiB, GiB), or `B`.
-pub(super) fn file_size(text: &str) -> Result<u64, String> {
-    let at = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
-    let (number, unit) = text.split_at(at);
-    let unit = match unit.to_ascii_lowercase().as_str() {
-        "b" => 1.0,
-        "kb" => 1e3,
-        "mb" => 1e6,
-        "gb" => 1e9,
-        "kib" => 1024.0,
-        "mib" => 1048576.0,
-        "gib" => 1073741824.0,
-        _ => return Err("write a size with its unit, such as 5MB, 800kB or 4.5MiB".to_owned()),
-    };
-    let number =
-        number.trim().parse::<f64>().map_err(|_| "write a number with its unit, such as 5MB or 4.5MiB".to_owned())?;
-    let bytes = Some((number * unit).floor()).filter(|b| *b >= 1.0 && *b < 1e15);
-    bytes.map(|b| b as u64).ok_or_else(|| "write a size above 0, such as 5MB, 800kB or 4.5MiB".to_owned())
 }
 
 /// `6`, or `6,5`: bits of SH coefficients in SPZ, of band 1 and of the others.

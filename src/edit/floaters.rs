@@ -19,6 +19,8 @@ const AGREED: f64 = 0.5;
 /// Minimum gain by a Gaussian's removal in each round: in median changes of all removals, times the square of its distance to
 /// others. The worst are removed first, because Gaussians behind a floater have a residual until it is removed.
 const ROUNDS: [f64; 6] = [4096.0, 1024.0, 256.0, 64.0, 16.0, 4.0];
+/// Distance from which a removal's gain is weighted by it: needles and fog have neighbours all along, and may spoil every photo.
+const AMID: f64 = 0.125;
 /// Minimum distance to others of an isolated Gaussian that photos do not need,
 const ALONE: f64 = 2.5;
 /// and the minimum of this distance times its opacity: faint Gaussians are not floaters.
@@ -71,7 +73,7 @@ impl Sight {
 
     /// Decrease of the squared error by its removal, times the square of its distance to others.
     fn blame(&self, distance: f64) -> f64 {
-        -self.cost() * distance.powi(2)
+        -self.cost() * distance.max(AMID).powi(2)
     }
 }
 

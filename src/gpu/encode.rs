@@ -5,6 +5,7 @@ use super::context::Context;
 use super::error::{During, Error};
 use super::frame::Frame;
 use super::hazards::Barrier;
+use super::pace::Work;
 use super::pipeline::Pipeline;
 use super::recording::{Arguments, Command, Recording, Size};
 use ash::vk;
@@ -22,7 +23,7 @@ pub(super) struct Scope {
 pub(super) struct Encoded {
     pub scopes: Vec<Scope>,
     /// The dispatches of each piece, where submissions are limited.
-    pub dispatches: Vec<Vec<Scope>>,
+    pub dispatches: Vec<Vec<(Work, Scope)>>,
     /// The frame's command buffers that it fills, to be submitted one by one.
     pub pieces: usize,
 }
@@ -37,7 +38,7 @@ pub(super) struct Encoder<'a> {
     pieces: usize,
     /// Seconds that its kernels may take.
     under_way: f64,
-    dispatches: Vec<Vec<Scope>>,
+    dispatches: Vec<Vec<(Work, Scope)>>,
     timed: bool,
     scopes: Vec<Scope>,
     open: Vec<usize>,
@@ -125,7 +126,7 @@ impl<'a> Encoder<'a> {
     /// them, too: their order on the queue is that of one buffer.
     fn pace(&mut self, command: &Command) -> Result<(), Error> {
         let (Some(pace), Command::Dispatch(dispatch)) = (&self.context.pace, command) else { return Ok(()) };
-        let (cuts, under_way) = pace.cuts(self.under_way, dispatch.shader.name);
+        let (cuts, under_way) = pace.cuts(self.under_way, dispatch.work());
         self.under_way = under_way;
         if cuts {
             self.close_commands()?;
@@ -177,7 +178,7 @@ impl<'a> Encoder<'a> {
                     self.label(None);
                     let end = begin.and_then(|_| self.timestamp());
                     if let (Some(begin), Some(end), Some(piece)) = (begin, end, self.dispatches.last_mut()) {
-                        piece.push(Scope { name: dispatch.shader.name, begin, end });
+                        piece.push((dispatch.work(), Scope { name: dispatch.shader.name, begin, end }));
                     }
                 }
                 Command::Fill { buffer, bytes, value } => {

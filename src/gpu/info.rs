@@ -59,6 +59,8 @@ named! {
         FullSubgroups = "full-subgroups",
         /// The device sits on another interface, such as Metal, and may lack parts of Vulkan.
         PortabilitySubset = "portability-subset",
+        /// The driver translates to Direct3D 12: a second entry of a GPU that may have a driver of its own.
+        Direct3D = "direct3d-12",
     }
 }
 

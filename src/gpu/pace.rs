@@ -11,6 +11,24 @@ use std::time::Duration;
 /// Decay of a kernel's longest time after each shorter dispatch.
 const MEMORY: f64 = 0.9;
 
+/// A dispatch: its kernel, and its workgroups, 0 if only the device knows them.
+#[derive(Clone, Copy)]
+pub(super) struct Work {
+    pub kernel: &'static str,
+    pub groups: u64,
+}
+
+/// What is known of a kernel.
+#[derive(Default)]
+struct Measured {
+    /// Seconds of its next dispatch.
+    expected: f64,
+    /// Seconds of its longest dispatch.
+    longest: f64,
+    /// Workgroups of its largest dispatch.
+    groups: u64,
+}
+
 /// The longest time of a submission, and what is known of kernels.
 pub(super) struct Pace {
     limit: f64,
@@ -20,8 +38,7 @@ pub(super) struct Pace {
 /// Seconds, measured.
 #[derive(Default)]
 struct Known {
-    /// By kernel: expected seconds of its next dispatch, and seconds of its longest one.
-    kernels: FxHashMap<&'static str, (f64, f64)>,
+    kernels: FxHashMap<&'static str, Measured>,
     longest_submission: f64,
 }
 
@@ -38,27 +55,32 @@ impl Pace {
 
     /// True if a kernel that follows `under_way` seconds of work of the same submission belongs into the next one;
     /// then its own expected time, and else both together.
-    pub fn cuts(&self, under_way: f64, kernel: &'static str) -> (bool, f64) {
-        // A kernel that never ran gets a submission of its own.
-        let expected = lock(&self.known).kernels.get(kernel).map_or(self.limit, |(expected, _)| *expected);
+    pub fn cuts(&self, under_way: f64, work: Work) -> (bool, f64) {
+        let known = lock(&self.known);
+        // A kernel that never ran, or never as large, gets a submission of its own.
+        let measured = known.kernels.get(work.kernel).filter(|measured| work.groups <= measured.groups);
+        let expected = measured.map_or(self.limit, |measured| measured.expected);
         let cut = under_way > 0.0 && under_way + expected > self.limit;
         (cut, if cut { expected } else { under_way + expected })
     }
 
-    /// Learns from the dispatches of a submission: kernels and their seconds.
-    pub fn learn(&self, dispatches: impl Iterator<Item = (&'static str, f64)>) {
+    /// Learns from the dispatches of a submission and their seconds.
+    pub fn learn(&self, dispatches: impl Iterator<Item = (Work, f64)>) {
         let mut known = lock(&self.known);
         let mut total = 0.0;
-        for (kernel, seconds) in dispatches {
-            let (expected, longest) = known.kernels.entry(kernel).or_default();
-            if seconds > self.limit && *longest <= self.limit {
+        for (Work { kernel, groups }, seconds) in dispatches {
+            let measured = known.kernels.entry(kernel).or_default();
+            if seconds > self.limit && measured.longest <= self.limit {
                 tracing::warn!(
                     "the kernel {kernel} alone took {:.0} ms, longer than --max-submission: a dispatch cannot be divided",
                     seconds * 1e3
                 );
             }
-            *expected = seconds.max(MEMORY * *expected);
-            *longest = seconds.max(*longest);
+            // A smaller dispatch says nothing of large ones.
+            let memory = if groups < measured.groups { 1.0 } else { MEMORY };
+            measured.expected = seconds.max(memory * measured.expected);
+            measured.longest = seconds.max(measured.longest);
+            measured.groups = groups.max(measured.groups);
             total += seconds;
         }
         known.longest_submission = total.max(known.longest_submission);
@@ -68,7 +90,7 @@ impl Pace {
 impl Drop for Pace {
     fn drop(&mut self) {
         let known = lock(&self.known);
-        let mut kernels: Vec<_> = known.kernels.iter().map(|(kernel, (_, longest))| (longest * 1e3, *kernel)).collect();
+        let mut kernels: Vec<_> = known.kernels.iter().map(|(kernel, m)| (m.longest * 1e3, *kernel)).collect();
         kernels.sort_by(|a, b| b.0.total_cmp(&a.0));
         let kernels: Vec<String> = kernels.iter().take(8).map(|(ms, kernel)| format!("{kernel} {ms:.1} ms")).collect();
         let submission = known.longest_submission * 1e3;
@@ -86,14 +108,20 @@ mod tests {
     #[test]
     fn kernels_share_a_submission_while_they_fit() {
         let pace = Pace::new(Duration::from_millis(100));
-        assert_eq!(pace.cuts(0.0, "new"), (false, 0.1), "nothing to cut before the first");
-        assert_eq!(pace.cuts(0.01, "new"), (true, 0.1), "unknown ones run alone");
-        pace.learn([("new", 0.04)].into_iter());
-        assert_eq!(pace.cuts(0.04, "new"), (false, 0.08));
-        assert_eq!(pace.cuts(0.08, "new"), (true, 0.04));
-        pace.learn([("new", 0.0)].into_iter());
-        assert_eq!(pace.cuts(0.0, "new"), (false, 0.9 * 0.04), "a short one is believed slowly");
-        pace.learn([("new", 0.3)].into_iter());
-        assert_eq!(pace.cuts(1e-6, "new"), (true, 0.3), "a long one at once");
+        let work = |groups| Work { kernel: "new", groups };
+        let learn = |groups, seconds| pace.learn([(work(groups), seconds)].into_iter());
+        assert_eq!(pace.cuts(0.0, work(8)), (false, 0.1), "nothing to cut before the first");
+        assert_eq!(pace.cuts(0.01, work(8)), (true, 0.1), "unknown ones run alone");
+        learn(8, 0.04);
+        assert_eq!(pace.cuts(0.04, work(8)), (false, 0.08));
+        assert_eq!(pace.cuts(0.04, work(0)), (false, 0.08), "the device knows how large it is");
+        assert_eq!(pace.cuts(0.04, work(9)), (true, 0.1), "larger ones are unknown");
+        assert_eq!(pace.cuts(0.08, work(8)), (true, 0.04));
+        learn(4, 0.0);
+        assert_eq!(pace.cuts(0.0, work(8)), (false, 0.04), "a smaller one says nothing");
+        learn(8, 0.0);
+        assert_eq!(pace.cuts(0.0, work(8)), (false, 0.9 * 0.04), "a short one is believed slowly");
+        learn(32, 0.3);
+        assert_eq!(pace.cuts(1e-6, work(32)), (true, 0.3), "a long one at once");
     }
 }

@@ -3,6 +3,7 @@
 use super::buffer::{Buffer, RawBuffer};
 use super::hazards::{Barrier, Hazards, Use};
 use super::kernel::Kernel;
+use super::pace::Work;
 use super::shader::{Access, Shader};
 use crate::kernels::constants::counts::{FEW_GROUPS, MAX_GROUPS};
 use bytemuck::Pod;
@@ -29,6 +30,17 @@ pub(super) struct Dispatch {
     constants: Range<usize>,
     push: Range<usize>,
     buffers: Range<usize>,
+}
+
+impl Dispatch {
+    /// Its kernel and size.
+    pub fn work(&self) -> Work {
+        let groups = match self.size {
+            Size::Direct(groups) => groups.iter().map(|n| u64::from(*n)).product(),
+            Size::Indirect(..) => 0,
+        };
+        Work { kernel: self.shader.name, groups }
+    }
 }
 
 pub(super) enum Command {

@@ -7,6 +7,7 @@ use super::encode::{Encoded, Encoder, Scope};
 use super::error::{During, Error};
 use super::frame::Frame;
 use super::lock::lock;
+use super::pace::Work;
 use super::pipeline::Pipeline;
 use super::profiler::Timings;
 use super::recording::Recording;
@@ -21,7 +22,7 @@ pub struct Ticket {
     frame: Option<Frame>,
     scopes: Vec<Scope>,
     /// The dispatches of each submission, where submissions are limited.
-    dispatches: Vec<Vec<Scope>>,
+    dispatches: Vec<Vec<(Work, Scope)>>,
     _recording: Recording, // keeps the buffers alive
     _pipelines: Vec<Arc<Pipeline>>,
 }
@@ -140,7 +141,7 @@ impl Ticket {
         let queries = self
             .scopes
             .iter()
-            .chain(self.dispatches.iter().flatten())
+            .chain(self.dispatches.iter().flatten().map(|(_, scope)| scope))
             .map(|scope| scope.begin.max(scope.end) as usize + 1)
             .max();
         if let Some(queries) = queries.filter(|_| period > 0.0) {
@@ -166,7 +167,7 @@ impl Ticket {
             }
             if let Some(pace) = &context.pace {
                 for dispatches in &self.dispatches {
-                    pace.learn(dispatches.iter().filter_map(|dispatch| Some((dispatch.name, seconds(dispatch)?))));
+                    pace.learn(dispatches.iter().filter_map(|(work, scope)| Some((*work, seconds(scope)?))));
                 }
             }
         }

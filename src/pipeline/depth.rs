@@ -31,13 +31,11 @@ pub struct Depths {
     pub median: Vec<f32>,
 }
 
-/// Colours of degree 0 by which a picture of Gaussians with these means shows their depths, as shares of the largest one, which is
-/// returned with them.
-fn colours(means: &[[f32; 3]], camera: &Camera) -> (f64, Vec<f32>) {
-    let depths: Vec<f64> = means.iter().map(|mean| camera.depth(DVec3::from_array(mean.map(f64::from)))).collect();
-    let far = depths.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    let colour = |z: &f64| [((z / far - 0.5) / SH_C0) as f32; 3];
-    (far, depths.iter().flat_map(colour).collect())
+/// Colours of degree 0 by which a picture of Gaussians with these means shows their depths, in near planes. No colour has an upper
+/// bound, so that all depths have the precision of float32, whatever the largest is.
+fn colours(means: &[[f32; 3]], camera: &Camera, near: f64) -> Vec<f32> {
+    let depth = |mean: &[f32; 3]| camera.depth(DVec3::from_array(mean.map(f64::from)));
+    means.iter().flat_map(|mean| [((depth(mean) / near - 0.5) / SH_C0) as f32; 3]).collect()
 }
 
 /// A model of the same shapes with these colours of degree 0, a red, a green and a blue for each Gaussian.
@@ -56,6 +54,8 @@ pub struct DepthPainter {
     /// The same on the device, if that holds the whole model.
     resident: Option<Resident>,
     painter: Painter,
+    /// The near plane in world units.
+    near: f64,
 }
 
 impl DepthPainter {
@@ -73,12 +73,18 @@ impl DepthPainter {
         } else {
             Painter::of(device, settings, Source::Host(&model), size)?
         };
-        Ok(Self { device: device.clone(), model, resident, painter: painter.with_medians() })
+        Ok(Self {
+            device: device.clone(),
+            model,
+            resident,
+            painter: painter.with_medians(),
+            near: settings.near.into(),
+        })
     }
 
     /// The depths that a camera sees.
     pub fn draw(&mut self, camera: &Camera) -> Result<Depths, Error> {
-        let (far, colours) = colours(&self.model.means, camera);
+        let colours = colours(&self.model.means, camera, self.near);
         let source = if let Some(resident) = &self.resident {
             resident.parameters.sh[0].write(&self.device, &colours)?;
             Source::Device(resident)
@@ -88,7 +94,11 @@ impl DepthPainter {
         };
         let Image { width, height, pixels } = self.painter.render(source, camera)?;
         let depth = |share: f32, over: f32| {
-            if share > 0.0 && over > 0.0 { (f64::from(share) / f64::from(over) * far) as f32 } else { f32::INFINITY }
+            if share > 0.0 && over > 0.0 {
+                (f64::from(share) / f64::from(over) * self.near) as f32
+            } else {
+                f32::INFINITY
+            }
         };
         let expected = pixels.iter().map(|[sum, _, _, alpha]| depth(*sum, *alpha)).collect();
         let median = pixels.iter().map(|[_, median, ..]| depth(*median, 1.0)).collect();

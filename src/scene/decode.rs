@@ -16,7 +16,7 @@ use super::error::Error;
 use super::image_file::{color_type, counting, decode, hides_where_white, to_bytes};
 use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
-use super::resample::{Raster, area_average, cut, undistort};
+use super::resample::{MASKED, Raster, area_average, cut, undistort};
 use super::view::{Resize, View};
 use crate::wording::counted;
 
@@ -93,7 +93,7 @@ pub fn load_photos(
     // A damaged photo fails alone; a full disk ends everything.
     let load_one = |at: usize, source: Result<&mut Source, Error>| {
         let even = source.as_ref().is_ok_and(|source| source.even && views[at].face.is_none());
-        let decoded = source.map(|source| source.view(views[at], options.resize));
+        let decoded = source.map(|source| source.view(views[at], options.resize, masked));
         progress(done.fetch_add(1, Ordering::Relaxed) + 1);
         Ok(match decoded {
             Ok(decoded) => {
@@ -295,7 +295,7 @@ impl View {
         }
         let alpha = transparent && pixels.iter().skip(3).step_by(4).any(|&a| a < 255);
         let mask = self.mask.as_deref().map(|path| self.decode_mask(path));
-        Ok(Source { photo: Raster { width, height, pixels }, alpha, even, mask })
+        Ok(Source { photo: Raster { width, height, pixels }, alpha, even, mask, both: None })
     }
 
     fn decode_mask(&self, path: &Path) -> Result<Raster<1>, Error> {
@@ -315,6 +315,12 @@ impl View {
             return Err(Error::photo(path, what));
         }
         Ok(mask)
+    }
+
+    /// True if the view's pixels are not those of its photo.
+    fn resamples(&self, photo: &Raster<4>, resize: Resize) -> bool {
+        let camera = self.camera_at(resize);
+        self.face.is_some() || self.undistorts() || (photo.width, photo.height) != (camera.width, camera.height)
     }
 
     /// The part of a photo that the view shows. Pixels that are used as they are leave `source`: no other view shares them.
@@ -354,12 +360,20 @@ struct Source {
     /// True if all pixels had the same alpha, which does not count.
     even: bool,
     mask: Option<Result<Raster<1>, Error>>,
+    /// The photo with its mask as a fifth channel, once a view needs it.
+    both: Option<Raster<MASKED>>,
 }
 
 impl Source {
-    /// The part that a view shows; see [`View::resample`].
-    fn view(&mut self, view: &View, resize: Resize) -> Decoded {
-        let pixels = view.resample(&mut self.photo, resize, self.alpha).pixels;
+    /// The part that a view shows, with colours weighted by the mask if it counts; see [`View::resample`].
+    fn view(&mut self, view: &View, resize: Resize, masked: bool) -> Decoded {
+        let pixels = match &self.mask {
+            Some(Ok(mask)) if masked && view.resamples(&self.photo, resize) => {
+                let both = self.both.get_or_insert_with(|| self.photo.masked(mask));
+                view.resample(both, resize, self.alpha).unmasked().pixels
+            }
+            _ => view.resample(&mut self.photo, resize, self.alpha).pixels,
+        };
         let missing = |pixels: &[u8]| pixels.iter().skip(3).step_by(4).map(|&a| f64::from(255 - a) / 255.0).sum();
         let transparent = if self.alpha { missing(&pixels) } else { 0.0 };
         let listed = match &mut self.mask {

@@ -85,7 +85,8 @@ pub fn turn(axes: [DVec3; 3]) -> DMat3 {
 
 /// The angle in radians from its axis to which a lens is drawn, if it sees more than a pinhole can show: twice the field of an
 /// undistorted lens. Beyond a right angle, a fisheye sees as far as the nearest side of its photo: the corners around a
-/// circle are black. Nothing counts from where the distortion folds.
+/// circle are black. Nothing counts from where the distortion folds: no ray arrives at the sides around a circle that lies
+/// within the photo, of which a right angle is taken.
 fn reach(lens: &Lens) -> Option<f64> {
     if lens.model == LensModel::Equirectangular {
         return Some(PI);
@@ -101,11 +102,12 @@ fn reach(lens: &Lens) -> Option<f64> {
         (axis, lens.angle_at(pixel))
     };
     let sides = [middle(0, false), middle(0, true), middle(1, false), middle(1, true)];
-    if !sides.iter().any(|(axis, angle)| angle.is_some_and(|angle| angle > most[*axis])) {
+    let unfolded = lens.unfolded();
+    if !sides.iter().any(|(axis, angle)| angle.unwrap_or(unfolded) > most[*axis]) {
         return None;
     }
-    let nearest = sides.iter().filter_map(|(_, angle)| *angle).fold(PI, f64::min);
-    Some(nearest.max(FRAC_PI_2).min(lens.unfolded()))
+    let nearest = sides.iter().filter_map(|(_, angle)| *angle).reduce(f64::min);
+    Some(nearest.unwrap_or_default().max(FRAC_PI_2).min(unfolded))
 }
 
 /// The name of a face of a photo: `a/b.front.jpg` of `a/b.jpg`.

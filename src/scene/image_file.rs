@@ -37,6 +37,10 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
             let convert = format!("convert it, with ImageMagick by `magick mogrify -format png {name}`");
             return Error::unread(path, format!("is in an encoding that is not read ({e}): {convert}"));
         }
+        if is_exr && e.to_string().contains("rgb channels") {
+            let save = "save one layer (in Blender as OpenEXR, not OpenEXR MultiLayer)";
+            return Error::unread(path, format!("has no channels R, G and B, perhaps those of several layers: {save}"));
+        }
         let told = if is_known { e.to_string() } else { "its format is unknown".to_owned() };
         Error::photo(path, format!("cannot be decoded: {told}; copy it again"))
     })?;

@@ -2,7 +2,7 @@
 //!
 //! Both work in the stored values (no gamma is undone, as in every published evaluation) with float32 sums and round to
 //! the nearest 8-bit value. Colours are weighted by their alpha where there is one, so that compositing after
-//! resampling gives the same as resampling after compositing.
+//! resampling gives the same as resampling after compositing; and by their mask, so that what it hides stays hidden.
 
 use glam::{DVec2, Vec2};
 use rayon::prelude::*;
@@ -23,23 +23,56 @@ pub(crate) struct Raster<const C: usize> {
 /// Samples a pixel's side up to which these are cubic.
 const CUBIC: usize = 2;
 
-/// One pixel as float32, colours times alpha / 255 if the image is RGBA with transparency.
+/// Number of channels of colours, alpha and mask.
+pub(crate) const MASKED: usize = 5;
+
+/// One pixel as float32, colours times alpha / 255 if the image is RGBA with transparency, and all times the mask if it has one.
+/// Hidden pixels keep a little of their weight: they are all that there is amid others.
 fn lift<const C: usize>(pixel: &[u8; C], alpha: bool) -> [f32; C] {
     let mut lifted = pixel.map(f32::from);
-    if alpha && C == 4 {
+    if alpha && C >= 4 {
         let a = lifted[3] / 255.0;
         lifted[..3].iter_mut().for_each(|c| *c *= a);
+    }
+    if C == MASKED {
+        let weight = (lifted[4] + 0.25) / 255.25;
+        lifted[..4].iter_mut().for_each(|c| *c *= weight);
+        lifted[4] = weight;
     }
     lifted
 }
 
 /// The inverse of [`lift`], rounded.
 fn lower<const C: usize>(mut sum: [f32; C], alpha: bool) -> [u8; C] {
-    if alpha && C == 4 {
+    if C == MASKED {
+        let weight = sum[4];
+        sum[..4].iter_mut().for_each(|c| *c /= weight);
+    }
+    if alpha && C >= 4 {
         let a = sum[3] / 255.0;
         sum[..3].iter_mut().for_each(|c| *c = if a > 0.0 { *c / a } else { 0.0 });
     }
     sum.map(|c| (c + 0.5).clamp(0.0, 255.0) as u8)
+}
+
+impl Raster<4> {
+    /// The image with a mask of its shape as a fifth channel, which weights the others.
+    pub fn masked(&self, mask: &Raster<1>) -> Raster<MASKED> {
+        let same = (mask.width, mask.height) == (self.width, self.height);
+        let resized = (!same).then(|| area_average(mask, self.width, self.height, false));
+        let mask = resized.as_ref().unwrap_or(mask);
+        let both = self.pixels.as_chunks::<4>().0.iter().zip(&mask.pixels);
+        let pixels = both.flat_map(|([r, g, b, a], mask)| [*r, *g, *b, *a, *mask]).collect();
+        Raster { width: self.width, height: self.height, pixels }
+    }
+}
+
+impl Raster<MASKED> {
+    /// The image without its mask.
+    pub fn unmasked(&self) -> Raster<4> {
+        let pixels = self.pixels.as_chunks::<MASKED>().0.iter().flat_map(|[r, g, b, a, _]| [*r, *g, *b, *a]).collect();
+        Raster { width: self.width, height: self.height, pixels }
+    }
 }
 
 /// For each output index: the first source index it overlaps and the weights of it and the following, sum 1.
@@ -226,6 +259,19 @@ mod tests {
     fn transparent_pixels_lend_no_colour() {
         let source = Raster::<4> { width: 2, height: 1, pixels: vec![200, 100, 50, 255, 0, 255, 255, 0] };
         assert_eq!(area_average(&source, 1, 1, true).pixels, [200, 100, 50, 128]);
+    }
+
+    #[test]
+    fn hidden_pixels_lend_no_colour() {
+        let photo = Raster::<4> { width: 2, height: 1, pixels: vec![200, 100, 50, 255, 0, 255, 255, 255] };
+        let small = |mask: [u8; 2], alpha| {
+            let mask = Raster::<1> { width: 2, height: 1, pixels: mask.into() };
+            area_average(&photo.masked(&mask), 1, 1, alpha).unmasked().pixels
+        };
+        for alpha in [false, true] {
+            assert_eq!(small([255, 0], alpha), [200, 100, 50, 255]);
+            assert_eq!(small([0, 0], alpha), [100, 178, 153, 255], "all there is");
+        }
     }
 
     #[test]

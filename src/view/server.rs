@@ -20,9 +20,10 @@ const MOST_CONNECTIONS: usize = 32;
 const FAREWELL: Duration = Duration::from_millis(300);
 
 const PAGE: &str = include_str!("page.html");
-const SCRIPTS: [(&str, &str); 3] = [
+const SCRIPTS: [(&str, &str); 4] = [
     ("/camera.js", include_str!("camera.js")),
     ("/draw.js", include_str!("draw.js")),
+    ("/input.js", include_str!("input.js")),
     ("/page.js", include_str!("page.js")),
 ];
 const STYLE: &str = include_str!("page.css");

@@ -44,6 +44,17 @@ fn layers_have_the_depths_that_follow_from_their_opacities() {
     assert_eq!((expected, median), (f32::INFINITY, f32::INFINITY), "nothing lies before the camera");
 }
 
+/// What lies far away, and outside the picture, changes no depth in it.
+#[test]
+fn far_gaussians_spoil_no_depth() {
+    let alone = middle(&layers(&[(5.0, 0.9)]));
+    let mut model = layers(&[(5.0, 0.9), (1e9, 0.9)]);
+    model.means[1][0] = 2e9;
+    assert_eq!(middle(&model), alone);
+    let (expected, median) = middle(&layers(&[(5.0, 0.9), (1e9, 0.9)]));
+    assert!((expected / (0.09e9 / 0.99) - 1.0).abs() < 1e-3 && median == alone.1, "{expected} {median}");
+}
+
 #[test]
 fn depths_are_the_twins_also_in_parts() {
     let device = device();

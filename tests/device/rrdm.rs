@@ -6,7 +6,8 @@ use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Device, Error};
 use qirf_vk::qirf::assemble::{Assembly, BlockMatrices, Options, unpack_lower, unpack_symmetric};
 use qirf_vk::qirf::participation::Eigensolver;
-use qirf_vk::qirf::participation::device::Problem;
+use qirf_vk::qirf::participation::device::{LARGEST_BLOCK, Problem};
+use qirf_vk::qirf::partition::Partition;
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::study::{Basis, Observed, Study};
@@ -282,6 +283,32 @@ fn every_solver_answers_for_every_block() {
             );
         }
     }
+    finish(&device);
+}
+
+/// A kernel of minutes is one after which systems reset the device: the host solves blocks that are too large.
+#[test]
+fn the_host_solves_blocks_too_large_for_the_device() {
+    let device = device();
+    let (gaussians, _) = blocks(&[600], 5);
+    let model = model(&gaussians);
+    let resident = Resident::upload(&device, &model).unwrap();
+    let channels = Rows::Random.of(&[0, gaussians.len() as u32]);
+    let responses = Responses { channels, ..Responses::default() };
+    let observed = Observed { resident: &resident, model: &model, responses: &responses };
+    let study = |solver, most| {
+        let basis = Basis {
+            solver,
+            partition: Partition::Adaptive { mean: most, least: most.min(600), most },
+            ..Basis::default()
+        };
+        Study::new(&device, observed, &basis, &[Selector::Gnso], 1).unwrap()
+    };
+    let (host, whole) = (study(Eigensolver::LowRank, 4096), study(Eigensolver::Device, 4096));
+    assert!(whole.partitioned.blocks.block(0).len() > LARGEST_BLOCK);
+    assert_eq!((whole.partitioned.blocks.len(), whole.collected.fallbacks), (1, 1));
+    assert!(whole.rankings[0].1.rank == host.rankings[0].1.rank);
+    assert_eq!(study(Eigensolver::Device, LARGEST_BLOCK).collected.fallbacks, 0);
     finish(&device);
 }
 

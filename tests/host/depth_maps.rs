@@ -1,5 +1,7 @@
 //! Depth maps as points: found by name, scaled by the capture's points, refused if they fit none.
 
+mod numbers;
+
 use std::path::Path;
 
 use crate::support::files::writers::{Model, picture, write};
@@ -159,7 +161,7 @@ fn numbers_of_maps_are_those_of_their_type() {
 }
 
 /// An EXR of 2 x 1 pixels with channels of these names, whose values are 1, 2, 3 and so on.
-fn exr_of(names: &[&str]) -> Vec<u8> {
+pub fn exr_of(names: &[&str]) -> Vec<u8> {
     use exr::prelude::*;
     let channel = |(i, name): (usize, &&str)| AnyChannel::new(*name, FlatSamples::F32(vec![i as f32 + 1.0; 2]));
     let channels = AnyChannels::sort(names.iter().enumerate().map(channel).collect());

@@ -11,6 +11,7 @@ mod panorama;
 mod places;
 mod shared;
 mod traps;
+mod under_masks;
 mod units;
 mod variants;
 mod wide;

@@ -11,6 +11,8 @@ use std::path::Path;
 pub enum Precision {
     /// The only precision of the format.
     Fixed,
+    /// SH up to this degree, for formats with a single precision: fewer bands make a smaller file.
+    Degree(usize),
     /// SPZ: bits of the means and of the SH coefficients.
     Spz(SpzPrecision),
     /// SOG: steps, and size of the palette.
@@ -156,6 +158,16 @@ pub struct Ladder {
 }
 
 impl Ladder {
+    /// The settings of a file of a wanted size or PSNR: those of the format, or degrees of SH up to that of the model where it has only one.
+    #[must_use]
+    pub fn to_search(self, degree: usize) -> Self {
+        if self.rungs != [Precision::Fixed] {
+            return self;
+        }
+        let rungs = (0..degree).map(Precision::Degree).chain([Precision::Fixed]).collect();
+        Self { rungs, steps: (0..=degree).collect() }
+    }
+
     /// The settings at each step.
     pub fn coarse(&self) -> impl Iterator<Item = Precision> + '_ {
         self.steps.iter().map(|rung| self.rungs[*rung])

@@ -152,7 +152,7 @@ pub fn is_levels(path: &Path) -> bool {
 }
 
 /// The bytes of a file in the format of its extension, which stores values as finely as `precision` says; if that is another format's,
-/// as finely as the format allows. SPZ gets this version.
+/// as finely as the format allows. SPZ gets this version. The model must have no SH beyond the precision's degree.
 ///
 /// # Errors
 /// [`Error::Unsupported`] for another extension or for what the format cannot hold, [`Error::Inconsistent`].

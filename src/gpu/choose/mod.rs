@@ -10,7 +10,7 @@ use self::address::{PciAddress, Uuid};
 use self::lease::Lease;
 use self::properties::Candidate;
 use crate::gpu::error::Error;
-use crate::gpu::info::DeviceInfo;
+use crate::gpu::info::{DeviceInfo, DeviceKind, Feature};
 use std::path::Path;
 
 /// The device that the user asked for.
@@ -80,10 +80,15 @@ fn position(all: &[(&DeviceInfo, usize)], wish: &Wish) -> Option<usize> {
     }
 }
 
+/// What makes a device better than another; the smaller, the better.
+fn rank(device: &DeviceInfo) -> (bool, DeviceKind, bool) {
+    (device.missing.is_some(), device.kind, device.has(Feature::Direct3D))
+}
+
 /// Positions of the visible devices, the best first.
 fn ranked(all: &[(&DeviceInfo, usize)]) -> Vec<usize> {
     let mut visible: Vec<usize> = (0..all.len()).filter(|i| all[*i].0.hidden_by.is_none()).collect();
-    visible.sort_by_key(|i| (all[*i].0.missing.is_some(), all[*i].0.kind, all[*i].1));
+    visible.sort_by_key(|i| (rank(all[*i].0), all[*i].1));
     visible
 }
 
@@ -92,7 +97,7 @@ fn ranked(all: &[(&DeviceInfo, usize)]) -> Vec<usize> {
 fn free(all: &[(&DeviceInfo, usize)], leases: &Path) -> Result<(usize, Option<Lease>), Error> {
     let ranked = ranked(all);
     let best = all[*ranked.first().ok_or_else(|| unknown(all, None))?].0;
-    let equal = |i: &usize| (all[*i].0.kind, all[*i].0.missing.is_some()) == (best.kind, best.missing.is_some());
+    let equal = |i: &usize| rank(all[*i].0) == rank(best);
     let machine = lease::machine();
     let mut held = 0;
     for position in ranked.into_iter().filter(equal) {
@@ -125,7 +130,7 @@ fn unknown(all: &[(&DeviceInfo, usize)], wanted: Option<&str>) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::info::{DeviceClass, DeviceKind};
+    use crate::gpu::info::DeviceClass;
 
     fn device(index: usize, name: &str, kind: DeviceKind) -> DeviceInfo {
         DeviceInfo {
@@ -186,6 +191,22 @@ mod tests {
         for wrong in ["uuid:1", "pci:0", "pci:"] {
             assert!(matches!(Wish::parse(Some(wrong)), Err(Error::Address(_))), "{wrong}");
         }
+    }
+
+    /// On Windows a GPU has two entries where Direct3D is offered as Vulkan, and that one may come first.
+    #[test]
+    fn a_gpus_own_driver_comes_before_direct3d() {
+        let mut all = node();
+        all[3].0.optional.push(Feature::Direct3D);
+        assert_eq!(chosen(&all, None), Some(2));
+        assert_eq!(chosen(&all, Some("3")), Some(3), "it can be named");
+        let alone = [all[0].clone(), all[3].clone()];
+        assert_eq!(chosen(&alone, None), Some(1), "and is used where there is no other GPU");
+        let folder = tempfile::tempdir().unwrap();
+        let all: Vec<_> = all.iter().map(|(d, place)| (d, *place)).collect();
+        let held = free(&all, folder.path()).unwrap();
+        assert_eq!(held.0, 2);
+        assert!(matches!(free(&all, folder.path()), Err(Error::NoFreeDevice { held: 1, .. })), "one GPU, one lease");
     }
 
     #[test]

@@ -170,6 +170,11 @@ impl Report {
             ),
             (subgroups, "subgroup arithmetic, ballot and shuffles in compute".to_owned()),
             (self.vulkan_1_2.subgroup_broadcast_dynamic_id != 0, "subgroupBroadcastDynamicId".to_owned()),
+            (
+                // Such drivers choose the width of each kernel, and report the widest.
+                info.class != DeviceClass::Intel || info.has(Feature::SubgroupSizeControl),
+                "control over the size of subgroups, which differs between kernels of Intel's GPUs".to_owned(),
+            ),
             (width, format!("a subgroup of 4, 8, 16, 32, 64 or 128 invocations (it has {size})")),
             at_least(info.max_workgroup, 256, "invocations in a workgroup"),
             at_least(info.max_storage_buffers, needs::STORAGE_BUFFERS, "storage buffers in a kernel"),
@@ -199,6 +204,7 @@ impl Report {
             (Feature::UniformSubgroups, self.uniform.shader_subgroup_uniform_control_flow != 0),
             (Feature::FullSubgroups, self.control_features.compute_full_subgroups != 0),
             (Feature::PortabilitySubset, self.has(khr::portability_subset::NAME)),
+            (Feature::Direct3D, self.driver.driver_id == vk::DriverId::MESA_DOZEN),
         ];
         features.into_iter().filter(|(_, there)| *there).map(|(feature, _)| feature).collect()
     }
@@ -341,6 +347,8 @@ mod tests {
         let mut report = moltenvk(1_03_00);
         report.base.vendor_id = 0x8086;
         assert_eq!(report.info(0).subgroup_size, 32);
+        let missing = report.missing(&report.info(0));
+        assert!(missing.is_some_and(|what| what.contains("size of subgroups")), "MoltenVK on a Mac with such a GPU");
         report.control_features.subgroup_size_control = vk::TRUE;
         report.control = vk::PhysicalDeviceSubgroupSizeControlProperties {
             min_subgroup_size: 8,

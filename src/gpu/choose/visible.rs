@@ -1,7 +1,7 @@
 //! Devices that the environment hides. Cluster schedulers assign GPUs to jobs by variables that Vulkan ignores.
 
 use crate::gpu::choose::address::{PciAddress, Uuid};
-use crate::gpu::info::{DeviceInfo, DeviceKind};
+use crate::gpu::info::{DeviceInfo, DeviceKind, Feature};
 
 /// PCI vendors.
 const NVIDIA: u32 = 0x10de;
@@ -18,6 +18,8 @@ const SLURM: &str = "SLURM_JOB_GPUS";
 pub(in crate::gpu) struct Named {
     vendor: u32,
     discrete: bool,
+    /// False for a second entry of a GPU, which variables do not count.
+    native: bool,
     uuid: Option<Uuid>,
     pci: Option<PciAddress>,
     /// AMD's own number of a GPU, used by `ROCR_VISIBLE_DEVICES`.
@@ -32,6 +34,7 @@ impl Named {
         Self {
             vendor: info.vendor,
             discrete: info.kind == DeviceKind::Discrete,
+            native: !info.has(Feature::Direct3D),
             uuid: info.uuid,
             pci: info.pci,
             serial: serial.map(|text| text.trim().to_lowercase()),
@@ -90,7 +93,7 @@ pub(in crate::gpu) fn visibility(devices: &[Named], variable: &dyn Fn(&str) -> O
 
 /// Positions of the devices of a kind, by PCI address.
 fn by_address(devices: &[Named], kind: impl Fn(&Named) -> bool) -> Vec<usize> {
-    let mut positions: Vec<usize> = (0..devices.len()).filter(|i| kind(&devices[*i])).collect();
+    let mut positions: Vec<usize> = (0..devices.len()).filter(|i| devices[*i].native && kind(&devices[*i])).collect();
     positions.sort_by_key(|i| devices[*i].pci);
     positions
 }
@@ -140,12 +143,12 @@ mod tests {
     fn device(vendor: u32, bus: u32) -> Named {
         let pci = PciAddress { domain: 0, bus, device: 0, function: 0 };
         let serial = (vendor == AMD).then(|| format!("{bus:016x}"));
-        Named { vendor, discrete: true, uuid: Some(Uuid([bus as u8; 16])), pci: Some(pci), serial }
+        Named { vendor, discrete: true, native: true, uuid: Some(Uuid([bus as u8; 16])), pci: Some(pci), serial }
     }
 
     /// Three GPUs by NVIDIA and one by AMD, which Vulkan lists out of order, and a CPU device.
     fn node() -> Vec<Named> {
-        let cpu = Named { vendor: 0x10005, discrete: false, uuid: None, pci: None, serial: None };
+        let cpu = Named { vendor: 0x10005, discrete: false, native: true, uuid: None, pci: None, serial: None };
         vec![device(NVIDIA, 0x81), device(AMD, 0x21), device(NVIDIA, 0x01), device(NVIDIA, 0xc1), cpu]
     }
 
@@ -170,6 +173,15 @@ mod tests {
             assert_eq!(with(none), [hidden, Place(1), hidden, hidden, Place(4)], "{none}");
         }
         assert_eq!(with("1,1"), with("1"));
+    }
+
+    #[test]
+    fn second_entries_of_gpus_are_not_counted() {
+        let mut devices = vec![Named { native: false, pci: None, ..device(NVIDIA, 0x01) }];
+        devices.extend(node());
+        let hidden = Hidden("CUDA_VISIBLE_DEVICES");
+        let all = seen(&devices, &[("CUDA_VISIBLE_DEVICES", "0")]);
+        assert_eq!(all, [Place(0), hidden, Place(2), Place(0), hidden, Place(5)]);
     }
 
     #[test]

@@ -8,8 +8,8 @@ use crate::scene::read_text;
 use serde::Deserialize;
 use std::path::Path;
 
-/// Keys of the file and names of its tables.
-const KEYS: [&str; 26] = [
+/// Keys of `config.toml` and names of its tables.
+pub const KEYS: [&str; 26] = [
     "scene",
     "images",
     "resolution",

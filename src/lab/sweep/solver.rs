@@ -27,9 +27,6 @@ const KAPPA: (usize, usize) = (22, 100);
 const EXACT: Eigensolver = Eigensolver::LowRank;
 /// The solver whose time the others' times are compared with.
 const SLOWEST: Eigensolver = Eigensolver::Dsygvd;
-/// Largest block for the device's kernel, which uses one subgroup per block; blocks have at most 128 members by
-/// default.
-const DEVICE_MOST: usize = 512;
 
 /// Eigenvalues and participation of one block.
 #[derive(Clone)]
@@ -206,8 +203,11 @@ fn by_size(
             continue;
         }
         let measured = Measured::new(context, resident, &blocks)?;
-        let rungs: Vec<Rung<Solver>> =
-            rungs.iter().filter(|r| m <= DEVICE_MOST || r.value.eigensolver != Eigensolver::Device).cloned().collect();
+        let rungs: Vec<Rung<Solver>> = rungs
+            .iter()
+            .filter(|r| m <= device::LARGEST_BLOCK || r.value.eigensolver != Eigensolver::Device)
+            .cloned()
+            .collect();
         let results = measured.measure(context, &rungs, false, 0.2 * context.seconds)?;
         let time = |t: &Timed| t.device.or(t.wall).map_or(f64::NAN, |s| s.median * 1e6 / blocks.len() as f64);
         let whole = rungs.iter().position(|r| r.value.eigensolver == SLOWEST).map(|k| time(&results[k].1));

@@ -195,7 +195,9 @@ impl<'a> Files<'a> {
     }
 
     fn pack(&self, (rung, gaussians): (usize, usize)) -> Result<Vec<u8>, Error> {
-        self.target.pack(&(self.model)(gaussians), self.mode, self.rungs[rung])
+        let (mut model, precision) = ((self.model)(gaussians), self.rungs[rung]);
+        up_to(&mut model, precision);
+        self.target.pack(&model, self.mode, precision)
     }
 
     /// The packed model of a file, again if it was made long ago.
@@ -241,6 +243,13 @@ impl Trials for Files<'_> {
     }
 }
 
+/// Removes the SH that a precision does not store.
+pub fn up_to(model: &mut Gaussians, precision: Precision) {
+    if let Precision::Degree(degree) = precision {
+        model.sh.truncate(degree + 1);
+    }
+}
+
 /// The result of a search.
 pub struct Fitted {
     /// The choice of Gaussians.
@@ -269,7 +278,7 @@ impl<'a> Fitter<'a> {
     /// [`Error::Usage`] for a size that even one Gaussian exceeds; those of the trials.
     pub fn fit(&self, aim: Aim, target: &Target<'_>) -> Result<Fitted, Error> {
         let begun = Instant::now();
-        let Ladder { rungs, steps } = target.ladder(self.model);
+        let Ladder { rungs, steps } = target.ladder(self.model).to_search(self.model.degree());
         let (mode, judge) = (self.config.style.mode(), Some(self.judge));
         let model = |gaussians| self.sequence.pairs(self.model, &self.responses.scores, gaussians).kept();
         let most = if let Aim::Bytes(size) = aim { size } else { u64::MAX };
@@ -334,7 +343,7 @@ pub fn within(
     (most, near): (u64, usize),
     target: &Target<'_>,
 ) -> Result<Vec<u8>, Error> {
-    let Ladder { rungs, steps } = target.ladder(model);
+    let Ladder { rungs, steps } = target.ladder(model).to_search(model.degree());
     let order = by_what_shows(model);
     // Those with the largest contributions, in the model's order.
     let most_of = |gaussians: usize| {
@@ -344,11 +353,12 @@ pub fn within(
     };
     let mut files = Files::new(&most_of, (mode, None), (target, rungs), most);
     let point = Search::new(&mut files, model.len(), &steps).refine(most, near)?;
-    let packed = files.take(point)?;
+    let (packed, precision) = (files.take(point)?, files.rungs[point.0]);
     if point.1 < model.len() {
         let most = most_of(point.1);
         *model = most;
     }
+    up_to(model, precision);
     Ok(packed)
 }
 

@@ -7,6 +7,7 @@ pub mod curve;
 pub mod fit;
 pub mod levels;
 pub mod peer;
+pub mod remarks;
 mod scoring;
 pub mod stages;
 mod train;
@@ -21,7 +22,7 @@ use crate::job::Error;
 use crate::job::output::bytes_on_disk;
 use crate::job::records::{Aim, CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
 use crate::job::session::Session;
-use crate::metrics;
+use crate::metrics::{self, Scores};
 use crate::qirf::select::Selector;
 use fit::{Fitted, Fitter, Judge, Target};
 use scoring::Scoring;
@@ -52,18 +53,19 @@ pub fn compress(
     compress_to(session, input, (config, None), &Target::new(output))
 }
 
-/// Compresses a model in memory: the record's files have no path, and no bytes. An aim is met by the PLY file of the result.
+/// Compresses a model in memory, whose means count from `origin`: the record's files have no path, and no bytes. An aim is met by the
+/// PLY file of the result.
 ///
 /// # Errors
 /// As of [`compress_to`], without those of files.
 pub fn compress_in_memory(
     session: &Session<'_>,
-    model: Gaussians,
+    (model, origin): (Gaussians, [f64; 3]),
     (config, aim): (&CompressConfig, Option<Aim>),
 ) -> Result<(CompressRecord, Gaussians), Error> {
     let nowhere = Path::new("");
     let input = Input { path: nowhere, model, read_s: 0.0 };
-    let target = Target { path: nowhere, ..Target::new(Path::new("model.ply")) };
+    let target = Target { path: nowhere, origin, ..Target::new(Path::new("model.ply")) };
     let Reduced { record, model, .. } = reduce(session, input, (config, aim), &target)?;
     Ok((record, model))
 }
@@ -139,6 +141,9 @@ fn reduce(
     watcher.unless_stopped()?;
     watcher.pruned(&model, config.style.mode(), &plan.diagnostics)?;
     let (mut prune, mut model) = plan.apply(model);
+    if let Some((_, record)) = &fitted {
+        fit::up_to(&mut model, record.precision);
+    }
     time.merge_s = prune.seconds.merge;
     time.keep_mask_s = prune.seconds.total - prune.seconds.merge;
     prune.seconds.add_responses(time.responses_s);
@@ -153,7 +158,8 @@ fn reduce(
     }
     watcher.unless_stopped()?;
     let writing = Instant::now();
-    let psnr = metrics::mean(if tuned.is_empty() { &after } else { &tuned }).and_then(|scores| scores.psnr);
+    let unpacked = if tuned.is_empty() { &after } else { &tuned };
+    let psnr = metrics::mean(unpacked).and_then(|scores| scores.psnr);
     let (packed, aim) = match fitted {
         Some((packed, record)) if tuned.is_empty() => (Some(packed), Some(record)),
         Some((packed, record)) => {
@@ -163,13 +169,7 @@ fn reduce(
         }
         None => (fit::packed(judge.as_ref(), &model, (config, psnr), target)?, None),
     };
-    let written = match &packed {
-        Some(packed) if !formats::is_exact(target.format) => {
-            scoring.scores_of(&formats::read_bytes(packed, target.format).map_err(Error::writing)?.gaussians)?
-        }
-        _ if tuned.is_empty() => after.clone(),
-        _ => tuned.clone(),
-    };
+    let written = of_file(&mut scoring, (packed.as_deref(), target), unpacked)?;
     time.evaluate_s = scoring.seconds;
     time.write_s = seconds(writing);
     time.total_s = read_s + seconds(begun);
@@ -189,6 +189,21 @@ fn reduce(
         memory: session.memory(views.estimated_bytes),
     };
     Ok(Reduced { record, model, packed })
+}
+
+/// Scores of a packed model; `unpacked` if its format stores floats.
+fn of_file(
+    scoring: &mut Scoring<'_>,
+    (packed, target): (Option<&[u8]>, &Target<'_>),
+    unpacked: &[Scores],
+) -> Result<Vec<Scores>, Error> {
+    match packed.filter(|_| !formats::is_exact(target.format)) {
+        Some(packed) => {
+            let model = formats::read_bytes(packed, target.format).map_err(Error::writing)?.gaussians;
+            scoring.scores_of(&model)
+        }
+        None => Ok(unpacked.to_vec()),
+    }
 }
 
 fn model_file(path: &Path, model: &Gaussians) -> ModelFile {

@@ -1,28 +1,25 @@
 //! Depth maps of photos: their resampling to the views, their scale by the scene's points, and initial points from them.
 
+mod fit;
 pub mod read;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::DVec2;
 use rayon::prelude::*;
 
 use crate::effects::{DepthEvidence, DepthWitness};
 use crate::scene::camera::Camera;
-use crate::scene::lens::Lens;
 use crate::scene::{AlphaRole, DepthMap, Names, Photo, Point, Resize, Scene, View, median};
 use crate::wording::counted;
+use fit::{APART, Fitted, Meaning, Scale, Source, agreement, fit};
 use read::Map;
 
 /// Most points of all maps together: one for so many pixels trained on, within these bounds. Growth needs room to put
 /// Gaussians where they are needed.
 const PIXELS_BY_POINT: u64 = 32;
 const POINTS: (usize, usize) = (5_000, 100_000);
-/// Minimum number of points for a map's scale.
-const FEWEST: usize = 8;
-/// Median relative deviation from the scale above which a map does not fit the points.
-const APART: f64 = 0.2;
 /// Maximum number of pixels of a map: it shows shapes, not texture.
 const MOST_PIXELS: f64 = 65_536.0;
 
@@ -39,26 +36,63 @@ pub struct DepthMaps {
     pub notes: Vec<String>,
 }
 
-/// Source of a map's scale.
-enum Scale {
-    /// The capture's points, which deviate by this share of the depth in the median.
-    Points(f64, f64),
-    /// None: too few points lie in it.
-    Unknown,
-    /// The points contradict every scale.
-    Apart,
+/// What the maps with enough points tell of the others.
+struct Known {
+    /// Of the maps that measure what most do, in steps or units of their own: the factors to depths, in order.
+    scales: Vec<f64>,
+    /// Median over the maps of the points' median deviation from each; none if too few points lie in every map.
+    deviation: Option<f64>,
+    /// What most maps measure.
+    meaning: Meaning,
+    /// True if more maps contradict the points than fit them: those fit by chance.
+    doubted: bool,
+    /// True if most maps contradict the points.
+    contradicted: bool,
+}
+
+impl Known {
+    fn of(found: &[Found]) -> Self {
+        let fitted = || found.iter().filter_map(|f| f.map.as_ref().ok());
+        let mut known: Vec<(Meaning, f64, f64)> = fitted()
+            .filter_map(|f| if let Scale::Points(scale, off) = f.scale { Some((f.meaning, scale, off)) } else { None })
+            .collect();
+        let apart = fitted().filter(|f| matches!(f.scale, Scale::Apart)).count();
+        let doubted = apart > known.len();
+        if doubted {
+            known.clear();
+        }
+        let count = |meaning: &Meaning| known.iter().filter(|k| k.0 == *meaning).count();
+        let meaning = Meaning::ALL.into_iter().rev().max_by_key(count).unwrap_or_default();
+        known.retain(|k| k.0 == meaning);
+        let mut scales: Vec<f64> = known.iter().filter(|_| meaning != Meaning::Inverse).map(|k| k.1).collect();
+        scales.sort_by(f64::total_cmp);
+        let deviation = median(&mut known.iter().map(|k| k.2).collect::<Vec<_>>());
+        Self { scales, deviation, meaning, doubted, contradicted: 2 * apart > fitted().count() }
+    }
+
+    /// The meaning and the scale by which a map is used; none if it is not, as where it seems to mean something else than most. A map
+    /// with too few points is like the others; inverse depths have a scale of their own in each.
+    fn use_of(&self, fitted: &Fitted) -> Option<(Meaning, f64)> {
+        match fitted.scale {
+            Scale::Points(..) if self.doubted || fitted.meaning != self.meaning => None,
+            Scale::Points(scale, _) => Some((fitted.meaning, scale)),
+            Scale::Unknown if self.contradicted || self.meaning == Meaning::Inverse => None,
+            Scale::Unknown => Some((self.meaning, self.scales.get(self.scales.len() / 2).copied().unwrap_or(1.0))),
+            Scale::Apart => None,
+        }
+    }
 }
 
 /// The views of one photo with its map.
 struct Found {
     views: Vec<usize>,
-    map: Result<(Scale, Map), String>,
+    map: Result<Fitted, String>,
 }
 
 /// The depth maps of `views`, for pictures of this size.
 ///
 /// Each map is scaled to fit the scene's points, or, if too few of them lie in it, by the scale of the other maps. Without any
-/// scale, its numbers are world units.
+/// scale, its numbers are world units. The points also tell lengths along rays and inverse depths from depths.
 pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     let with: Vec<usize> = views.iter().copied().filter(|v| scene.views[*v].depth.is_some()).collect();
     if with.is_empty() {
@@ -68,29 +102,19 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     let same = |a: &usize, b: &usize| scene.views[*a].depth == scene.views[*b].depth;
     let photos: Vec<&[usize]> = with.chunk_by(same).collect();
     let found: Vec<Found> = photos.par_iter().map(|views| find(scene, views, tracked)).collect();
-    let mut known: Vec<[f64; 2]> = found
-        .iter()
-        .filter_map(|f| if let Ok((Scale::Points(scale, off), _)) = f.map { Some([scale, off]) } else { None })
-        .collect();
-    known.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    let usual = known.get(known.len() / 2).map_or(1.0, |[scale, _]| *scale);
-    let shown = |f: &Found| {
-        let scale = match f.map {
-            Ok((Scale::Points(scale, _), _)) => scale,
-            Ok((Scale::Unknown, _)) => usual,
-            Ok((Scale::Apart, _)) | Err(_) => return Vec::new(),
-        };
-        let Ok((_, map)) = &f.map else { return Vec::new() };
-        f.views.iter().map(|v| (*v, seen(&scene.views[*v], map, scale, resize))).collect()
+    let known = Known::of(&found);
+    let shown = |f: &Found| -> Vec<(usize, DepthMap)> {
+        let used = f.map.as_ref().ok().and_then(|fitted| Some((&fitted.map, known.use_of(fitted)?)));
+        let Some((map, by)) = used else { return Vec::new() };
+        f.views.iter().map(|v| (*v, seen(&scene.views[*v], map, by, resize))).collect()
     };
     let maps: Vec<(usize, DepthMap)> = found.par_iter().flat_map_iter(shown).collect();
     let pixels: u64 = views.iter().map(|v| scene.views[*v].camera_at(resize).pixels()).sum();
     let each = ((pixels / PIXELS_BY_POINT) as usize).clamp(POINTS.0, POINTS.1).div_ceil(with.len());
     let points: Vec<Point> =
         maps.par_iter().flat_map_iter(|(v, map)| points(*v, &scene.views[*v], map, each)).collect();
-    let usable = found.iter().filter(|f| !matches!(f.map, Ok((Scale::Apart, _)) | Err(_))).count();
-    let mut off: Vec<f64> = known.iter().map(|[_, off]| *off).collect();
-    let (by, deviation) = match median(&mut off) {
+    let usable = found.iter().filter_map(|f| known.use_of(f.map.as_ref().ok()?)).count();
+    let (by, deviation) = match known.deviation {
         None => (DepthWitness::Maps, agreement(scene, &maps, &points)),
         off => (DepthWitness::Points, off),
     };
@@ -110,12 +134,7 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
 }
 
 /// Notes for the user: unused maps with reasons, and the number of points from the others.
-fn notes(
-    scene: &Scene,
-    found: &[Found],
-    known: &[[f64; 2]],
-    (usable, points, unseen): (usize, usize, bool),
-) -> Vec<String> {
+fn notes(scene: &Scene, found: &[Found], known: &Known, (usable, points, unseen): (usize, usize, bool)) -> Vec<String> {
     let mut unread: BTreeMap<&str, Names> = BTreeMap::new();
     for f in found {
         if let Err(what) = &f.map {
@@ -127,13 +146,36 @@ fn notes(
         format!("{} not used: {each} {what} ({names})", counted(names.count, "depth map"))
     };
     let mut notes: Vec<String> = unread.into_iter().map(told).collect();
-    let apart = found.iter().filter(|f| matches!(f.map, Ok((Scale::Apart, _)))).count();
-    if apart > 0 {
-        let maps = counted(apart, "depth map");
-        notes.push(format!("{maps} at no scale near the points (inverse depths?); not used"));
+    let with = |what: &dyn Fn(&Fitted) -> bool| found.iter().filter(|f| f.map.as_ref().is_ok_and(what)).count();
+    let used = |meaning| with(&|f| known.use_of(f).is_some_and(|by| by.0 == meaning));
+    for (count, told) in [
+        (with(&|f| matches!(f.scale, Scale::Apart)), "at no scale near the points; not used"),
+        (
+            with(&|f| matches!(f.scale, Scale::Points(..)) && known.use_of(f).is_none()),
+            if known.doubted {
+                "near the points, but most maps are not; not used"
+            } else {
+                "with other numbers than most (depths, inverse depths or lengths along rays); not used"
+            },
+        ),
+        (
+            with(&|f| matches!(f.scale, Scale::Unknown) && known.use_of(f).is_none()),
+            if known.contradicted {
+                "with too few points to tell whether they are better than the others; not used"
+            } else {
+                "with too few points to tell a scale, as inverse depths have one each; not used"
+            },
+        ),
+        (used(Meaning::Inverse), "of inverse depths, converted by the points that each shows"),
+        (used(Meaning::Rays), "of lengths along rays, not of depths; used as such"),
+    ] {
+        if count > 0 {
+            notes.push(format!("{} {told}", counted(count, "depth map")));
+        }
     }
-    let scales = match (known.first(), known.last()) {
-        (Some([low, _]), Some([high, _])) => format!(", scales {low:.3} to {high:.3} by the capture's points"),
+    let scales = match (known.scales.first(), known.scales.last()) {
+        (Some(low), Some(high)) => format!(", scales {low:.3} to {high:.3} by the capture's points"),
+        _ if known.deviation.is_some() => String::new(),
         _ if unseen => ", in world units, which no other photo's map confirms".to_owned(),
         _ => ", in world units".to_owned(),
     };
@@ -141,65 +183,20 @@ fn notes(
     notes
 }
 
-/// The map of the photo that these views show, with its scale.
+/// The map of the photo that these views show, and what its numbers are.
 fn find(scene: &Scene, views: &[usize], tracked: bool) -> Found {
     let view = &scene.views[views[0]];
     let sees = |v: &usize, point: &Point| point.track.binary_search(&(*v as u32)).is_ok();
     let seen = scene.points.iter().filter(|point| !tracked || views.iter().any(|v| sees(v, point)));
-    let map =
-        view.depth.as_deref().ok_or_else(String::new).and_then(|path| read::read(path, view.depth_step)).and_then(
-            |map| {
-                if view.lens.fits(map.width, map.height) {
-                    Ok((scale(view, &map, seen), map))
-                } else {
-                    Err(format!("is {} x {}, another shape than its photo", map.width, map.height))
-                }
-            },
-        );
+    let map = view.depth.as_deref().ok_or_else(String::new).and_then(|path| read::read(path, view.depth_step));
+    let map = map.and_then(|map| {
+        if view.lens.fits(map.width, map.height) {
+            Ok(fit(view, map, seen))
+        } else {
+            Err(format!("is {} x {}, another shape than its photo", map.width, map.height))
+        }
+    });
     Found { views: views.to_vec(), map }
-}
-
-/// The photo of a view; the photo of a face looks along another axis.
-struct Source {
-    lens: Lens,
-    /// From the view's camera coordinates to the photo's.
-    back: DMat3,
-    /// True if depths are measured along rays, as for photos that are cut into faces.
-    along_rays: bool,
-}
-
-impl Source {
-    fn new(view: &View, map: &Map) -> Self {
-        let back = view.face.as_ref().map_or(DMat3::IDENTITY, |face| face.turn.transpose());
-        Self { lens: view.lens.resized(map.width, map.height), back, along_rays: view.face.is_some() }
-    }
-
-    /// The map's value divided by the depth at `place`, in the photo's camera coordinates.
-    fn depth(&self, place: DVec3) -> f64 {
-        if self.along_rays { place.length() } else { place.z }
-    }
-
-    /// The value of a map in a direction, in the photo's camera coordinates.
-    fn look(&self, map: &Map, direction: DVec3) -> Option<f64> {
-        let at = self.lens.pixel_of(direction);
-        let inside = at.min_element() >= 0.0 && at.x < f64::from(map.width) && at.y < f64::from(map.height);
-        if inside { map.at(at.x as u32, at.y as u32) } else { None }
-    }
-}
-
-/// The factor from a map's values to the depths of the points that it shows.
-fn scale<'a>(view: &View, map: &Map, seen: impl Iterator<Item = &'a Point>) -> Scale {
-    let source = Source::new(view, map);
-    let ratio = |point: &Point| {
-        let p = source.back * (view.camera.rotation * point.position + view.camera.translation);
-        let depth = source.depth(p);
-        if depth > 0.0 { source.look(map, p).map(|measured| depth / measured) } else { None }
-    };
-    let mut ratios: Vec<f64> = seen.filter_map(ratio).collect();
-    let Some(scale) = median(&mut ratios).filter(|_| ratios.len() >= FEWEST) else { return Scale::Unknown };
-    let mut off: Vec<f64> = ratios.iter().map(|ratio| (ratio / scale - 1.0).abs()).collect();
-    let off = median(&mut off).unwrap_or_default();
-    if off > APART { Scale::Apart } else { Scale::Points(scale, off) }
 }
 
 /// A view's camera at the size of its map.
@@ -211,8 +208,8 @@ fn camera(view: &View, resize: Resize) -> Camera {
 }
 
 /// The depths that a view sees of its photo's map, pixel by pixel.
-fn seen(view: &View, map: &Map, scale: f64, resize: Resize) -> DepthMap {
-    let (camera, source) = (camera(view, resize), Source::new(view, map));
+fn seen(view: &View, map: &Map, (meaning, scale): (Meaning, f64), resize: Resize) -> DepthMap {
+    let (camera, source) = (camera(view, resize), Source::new(view, map, meaning));
     let depth = |n: u32| {
         let pixel = DVec2::new(f64::from(n % camera.width), f64::from(n / camera.width)) + 0.5;
         let ray = source.back * camera.ray(pixel);
@@ -244,24 +241,6 @@ fn points(v: usize, view: &View, map: &DepthMap, most: usize) -> Vec<Point> {
         Some(Point { position, normal: None, colour: [0; 3], error: 0.0, track: vec![v as u32] })
     };
     places.into_iter().filter_map(point).collect()
-}
-
-/// The median distance of the points of each map from the next photo's map, as a share of the depth; none if too few lie in it.
-fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Point]) -> Option<f64> {
-    let photos: Vec<&[(usize, DepthMap)]> =
-        maps.chunk_by(|a, b| scene.views[a.0].photo_name() == scene.views[b.0].photo_name()).collect();
-    let apart = |point: &Point| {
-        let own = *point.track.first()? as usize;
-        let next = photos.iter().find(|views| views[0].0 > own)?;
-        let seen = |(v, map): &(usize, DepthMap)| {
-            let camera = scene.views[*v].camera.resized(map.width, map.height);
-            let [x, y] = camera.pixel_of(point.position)?;
-            Some((camera.depth(point.position) / map.at(x, y)? - 1.0).abs())
-        };
-        next.iter().find_map(seen)
-    };
-    let mut apart: Vec<f64> = points.iter().filter_map(apart).collect();
-    median(&mut apart).filter(|_| apart.len() >= FEWEST)
 }
 
 impl DepthMaps {

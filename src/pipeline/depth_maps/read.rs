@@ -5,6 +5,7 @@ use std::path::Path;
 
 use exr::meta::MetaData;
 use exr::prelude::{ReadChannels, ReadLayers, Text};
+use glam::DVec2;
 use half::f16;
 use image::{DynamicImage, ImageReader};
 use npyz::{DType, NpyFile, TypeChar};
@@ -204,6 +205,24 @@ impl Map {
         if count as f64 > (PLATEAU * self.depths.len() as f64).max(FEW) && next > 0.0 && next < 0.5 * most {
             self.depths.iter_mut().filter(|d| **d == most).for_each(|d| *d = 0.0);
         }
+    }
+
+    /// The depth at a place in pixels, whose centres lie at halves: between the four pixels around it if they show one surface,
+    /// else that of the place's own pixel. Inverse depths are averaged, which is exact on planes.
+    pub fn between(&self, place: DVec2) -> Option<f64> {
+        let own = self.at(place.x as u32, place.y as u32)?;
+        let first = (place - 0.5).floor();
+        let share = place - 0.5 - first;
+        let corner = |x: f64, y: f64| {
+            let at = |place: f64, size: u32| place.clamp(0.0, f64::from(size - 1)) as usize;
+            let (x, y) = (at(first.x + x, self.width), at(first.y + y, self.height));
+            let depth = self.depths[y * self.width as usize + x];
+            ((f64::from(depth) - own).abs() <= 2.0 * f64::from(EDGE) * own).then(|| 1.0 / f64::from(depth))
+        };
+        let [a, b, c, d] = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(x, y)| corner(x, y));
+        let along = |from: Option<f64>, to: Option<f64>, share: f64| Some(from? + share * (to? - from?));
+        let inverse = along(along(a, b, share.x), along(c, d, share.x), share.y);
+        Some(inverse.map_or(own, |inverse| 1.0 / inverse))
     }
 
     /// The depth at a pixel, if there is one, and none of its neighbours lies at another; neighbours without a depth do, unless

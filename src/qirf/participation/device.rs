@@ -8,6 +8,10 @@ use crate::qirf::CHANNELS;
 use crate::qirf::assemble::Assembly;
 use crate::qirf::plan::Batch;
 
+/// The most members of a block for one subgroup, whose time grows with their third power: about a second for 1024 of
+/// them, by estimate, and minutes for 4096, where systems reset a busy device after 2 to 10 seconds.
+pub const LARGEST_BLOCK: usize = 512;
+
 /// Numbers in a block's solution besides those per member.
 const EXTRA: usize = participation::EXTRA as usize;
 

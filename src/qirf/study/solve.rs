@@ -81,15 +81,17 @@ impl Study {
         Ok(())
     }
 
-    /// Solves all blocks on the device. Returns those that it cannot factorise in float32.
+    /// Solves blocks on the device. Returns those that are too large for it, and those that it cannot factorise in float32.
     fn solve_on_device(&mut self, job: &Job<'_>) -> Result<Vec<usize>> {
-        let blocks = &self.partitioned.blocks;
-        let assembly = job.assembly(blocks, self.dilation)?;
+        let all = &self.partitioned.blocks;
+        let (chosen, mut failed): (Vec<usize>, Vec<usize>) =
+            (0..all.len()).partition(|b| all.block(*b).len() <= device::LARGEST_BLOCK);
+        let blocks = Blocks::of(chosen.iter().map(|b| all.block(*b)));
+        let assembly = job.assembly(&blocks, self.dilation)?;
         let problem = device::Problem { epsilon: job.basis.epsilon as f32, tau: job.basis.tau as f32 };
         let collected = &mut self.collected;
-        let mut failed = Vec::new();
-        let timings = assembly.solve_each(problem, |b, solution| -> Result<()> {
-            let members = blocks.block(b);
+        let timings = assembly.solve_each(problem, |k, solution| -> Result<()> {
+            let (b, members) = (chosen[k], blocks.block(k));
             let wide = |values: &[f32]| values.iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
             let unseen = members.iter().all(|i| job.rows[*i as usize] == [0.0; CHANNELS]);
             if solution.failed && !unseen {
@@ -105,7 +107,7 @@ impl Study {
             let spectrum = solution.lambda.map(f64::from);
             let modes = Modes { spectrum, r: solution.r.max(1) as u32, participation, unseen, ..Modes::default() };
             let solved = Solved { ranked: vec![(BlockSelector::Gnso, ranking)], modes: Some(modes), repaired: 0 };
-            collected.take(blocks, b, &solved);
+            collected.take(all, b, &solved);
             Ok(())
         })?;
         self.seconds.add(&timings);

@@ -23,7 +23,8 @@ pub struct Pinhole {
 
 impl Lens {
     /// The largest displacement, in pixels, against a pinhole image of the same intrinsics (129 x 129 grid over the
-    /// image, edges included); infinite if the distortion has a pole.
+    /// image, edges included); infinite if a pixel shows no ray. A pixel that such a pinhole shows and the lens does not is
+    /// compared with the ray that the lens shows at it.
     pub fn max_displacement(&self) -> f64 {
         if self.distortion == Distortion::default() {
             return 0.0;
@@ -33,8 +34,10 @@ impl Lens {
         for j in 0..=EDGE_SAMPLES {
             for i in 0..=EDGE_SAMPLES {
                 let pixel = size * DVec2::new(f64::from(i), f64::from(j)) / f64::from(EDGE_SAMPLES);
-                let moved = (self.project((pixel - self.principal) / self.focal) - pixel).length();
-                farthest = farthest.max(if moved.is_nan() { f64::INFINITY } else { moved });
+                let ideal = (pixel - self.principal) / self.focal;
+                let shown = || self.undistort(ideal).map_or(f64::INFINITY, |ray| ((ray - ideal) * self.focal).length());
+                let moved = (self.project(ideal) - pixel).length();
+                farthest = farthest.max(if moved.is_nan() { shown() } else { moved });
             }
         }
         farthest

@@ -198,6 +198,25 @@ fn rungs_of_the_ladders_lose_less_and_less() {
     assert_eq!(formats::ladder(Path::new("a.ply"), 2).rungs, [formats::Precision::Fixed]);
 }
 
+/// Gaussians near the origin show the most, and coarse steps that suit them are too coarse for clusters far away.
+#[test]
+fn sog_holds_distant_clusters_at_every_precision() {
+    let mean = |i: usize| [(i % 4) as f32 * 1e4 + (i % 97) as f32, (i % 89) as f32, (i % 83) as f32];
+    let model = Gaussians::balls((0..2000).map(mean).collect(), 12.0_f32.ln(), 2.0, 0);
+    let path = Path::new("a.sog");
+    for precision in formats::ladder(path, 0).coarse() {
+        let how = (precision, formats::SpzVersion::default());
+        let bytes = formats::encode(path, &model, (formats::RenderMode::Plain, [0.0; 3]), how).unwrap();
+        let back = formats::read_bytes(&bytes, path).unwrap().gaussians;
+        let mut off: Vec<f32> = matched(&model, &back)
+            .into_iter()
+            .map(|(i, j)| (0..3).map(|a| (model.means[i][a] - back.means[j][a]).abs()).fold(0.0, f32::max))
+            .collect();
+        off.sort_by(f32::total_cmp);
+        assert!(off[1000] <= 12.0, "{precision:?}: {}", off[1000]);
+    }
+}
+
 /// Random attributes are the worst case for codebooks; SH with few distinct rows, as in scenes, are reproduced well.
 #[test]
 fn sog_round_trip_stays_within_its_steps() {

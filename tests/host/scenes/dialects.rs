@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::Path;
 
+use crate::host::depth_maps::exr_of;
 use crate::support::files::writers::{Model, picture, row, transforms, write, written};
 use qirf_vk::pipeline::effects::of_scene;
 use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, PhotoTree, Resize, Scene, Split, alpha_role, masks_of};
@@ -357,6 +358,10 @@ fn photos_of_cameras_and_renderers_are_read_or_named() {
     assert_eq!(photos.len(), 3, "{}", notes(&opened));
     assert_eq!(photos[1].pixels.at(70).unwrap(), [128, 128, 128, 255]);
     assert_eq!(photos[2].pixels.at(70).unwrap(), [128, 255, 0, 255]);
+    fs::write(images.join("c.exr"), exr_of(&["ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B"]))
+        .unwrap();
+    let error = open(scene.path()).views[2].load_photo(Resize::Full).unwrap_err().to_string();
+    assert!(error.contains("several layers") && error.contains("Blender"), "{error}");
     for (bytes, format) in
         [(&b"\0\0\0\x18ftypheic"[..], "HEIC"), (b"\0\0\0\x18ftypavif", "AVIF"), (b"BM123456789", "BMP")]
     {

@@ -88,6 +88,14 @@ fn ideal_pinholes_show_nothing_beyond_the_photo() {
     assert_eq!(pinhole.max_displacement(), 0.0);
 }
 
+/// A pinhole of the same intrinsics shows more than this lens, whose photo is sound.
+#[test]
+fn displacements_are_finite_where_every_pixel_shows_a_ray() {
+    let lens = Lens::from_colmap(LensModel::SimpleDivision, 161, 119, &[60.0, 80.5, 59.5, 0.3]).unwrap();
+    let moved = lens.max_displacement();
+    assert!((45.0..60.0).contains(&moved), "{moved}");
+}
+
 #[test]
 fn extreme_lenses_give_an_ideal_or_none() {
     for (width, height) in [(1, 1), (17, 3), (3, 1000), (4096, 16)] {

@@ -88,7 +88,13 @@ fn lenses() -> Vec<Wide> {
     // 190 degrees in a circle that touches the photo's sides; 150 by 100 degrees; others.
     let [round, flat] = [90.0 / bent(circle), 100.0 / 100_f64.to_radians()];
     let round = vec![round, round, 90.0, 90.0, -0.03, 0.004, 0.0, 0.0];
+    // Circles within the photo, the second one cut above and below: the formula folds before the sides.
+    let folding: fn(f64) -> f64 = |theta| theta * (1.0 - 0.07 * theta * theta);
+    let later: fn(f64) -> f64 = |theta| theta * (1.0 - 0.05 * theta * theta);
+    let [within, cut] = [(90.0, -0.07), (80.0, -0.05)].map(|(y, k)| vec![55.0, 55.0, 100.0, y, k, 0.0, 0.0, 0.0]);
     vec![
+        Wide { black: 0.5 * PI, ..sharp(LensModel::OpenCvFisheye, [200, 180], within, folding) },
+        Wide { black: 97_f64.to_radians(), ..sharp(LensModel::OpenCvFisheye, [200, 160], cut, later) },
         Wide { black: circle, ..sharp(LensModel::OpenCvFisheye, [180, 180], round, bent) },
         sharp(LensModel::SimpleFisheye, [150, 100], vec![flat, 75.0, 50.0], |theta| theta),
         sharp(LensModel::Eucm, [200, 120], vec![55.0, 55.0, 100.0, 60.0, 0.6, 1.1], unified),

@@ -31,7 +31,7 @@ fn strangers_and_other_sites_see_nothing() {
     {
         assert_eq!(status(path, &[mine]), 404, "{path}");
     }
-    for path in ["/", "/scene.json", "/photo/4", "/page.js", "/camera.js", "/draw.js", "/page.css"] {
+    for path in ["/", "/scene.json", "/photo/4", "/page.js", "/camera.js", "/draw.js", "/input.js", "/page.css"] {
         assert_eq!(status(path, &[mine]), 200, "{path}");
     }
     assert_eq!(viewer.exchange("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n").0, 405);

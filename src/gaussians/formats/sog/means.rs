@@ -9,6 +9,8 @@ use super::super::weight::{size, weight};
 use crate::scene::median;
 use rayon::prelude::*;
 
+/// The share of its size by which the wanted step may move the median Gaussian: less than what is refused, as limits are rounded.
+const MOST_MOVED: f64 = 0.9;
 /// The greatest number that is stored.
 const GREATEST: f64 = 65535.0;
 
@@ -30,6 +32,11 @@ fn logarithm(x: f32) -> f64 {
     f64::from(x).abs().ln_1p().copysign(f64::from(x))
 }
 
+/// The share of its size by which a step moves the median Gaussian at most; none without Gaussians.
+fn median_move(model: &Gaussians, step: f64) -> Option<f64> {
+    median(&mut (0..model.len()).map(|i| 0.5 * step / size(model, i, 2)).collect::<Vec<_>>())
+}
+
 impl Means {
     /// Chooses limits such that a step is `share` of the Gaussians' size, a mean by what pictures show of them.
     pub fn new(model: &Gaussians, share: f64) -> Result<Self, Fault> {
@@ -38,6 +45,8 @@ impl Means {
             .filter(|(weight, size)| *weight > 0.0 && *size > 0.0)
             .fold((0.0, 0.0), |(all, blurs), (weight, size)| (all + weight, blurs + weight / (size * size)));
         let wanted = if blurs > 0.0 { share * (weights / blurs).sqrt() } else { 0.0 };
+        // Where a few Gaussians near the origin show the most, their step may be too coarse for all others.
+        let wanted = median_move(model, 1.0).map_or(wanted, |moved| wanted.min(MOST_MOVED / moved));
         let axes = [0, 1, 2].map(|axis| {
             let finite = model.means.iter().map(|m| logarithm(m[axis])).filter(|v| v.is_finite());
             let limits = finite.fold(None, |limits, v| {
@@ -78,8 +87,7 @@ impl Means {
     /// Refuses a model whose median Gaussian would move by more than its size.
     fn refuse_coarse(&self, model: &Gaussians) -> Result<(), Fault> {
         let step = self.axes.iter().fold(0.0, |step, axis| axis.step.max(step));
-        let mut moves: Vec<f64> = (0..model.len()).map(|i| 0.5 * step / size(model, i, 2)).collect();
-        if let Some(median) = median(&mut moves).filter(|median| *median > 1.0) {
+        if let Some(median) = median_move(model, step).filter(|median| *median > 1.0) {
             return Err(Fault::Unsupported(format!(
                 "SOG's 16 bits would move the median Gaussian by {median:.1} of its size; remove far Gaussians, move the model to the origin, or write .ply"
             )));

@@ -13,6 +13,9 @@ const ON_A_RUNG: usize = 3;
 /// Attempts left for the best rung, of which three suffice unless PSNR jumps or hardly grows.
 const TO_REFINE: usize = 6;
 
+/// Gaussians of a model whose files are made in milliseconds: it gets more attempts.
+pub(super) const SMALL: usize = 5_000;
+
 impl<T: Trials> Search<'_, T> {
     /// Foretells the bytes at neighbouring rungs from rough attempts, and refines the best of them.
     pub(super) fn by_psnr(&mut self, wanted: f64) -> Result<Point, T::Error> {
@@ -41,8 +44,11 @@ impl<T: Trials> Search<'_, T> {
         // Where rungs are far apart, fewer Gaussians lower the PSNR of the whole model to the target.
         let far = |point: &Point| point.gaussians == self.whole && point.psnr > Some(wanted + FAR);
         if let Some(point) = self.smallest(wanted).filter(far) {
+            if self.whole <= SMALL {
+                self.most = self.most.max(self.tried.len() + TO_REFINE);
+            }
             let mut row = Row::of_rung(point.rung, wanted, self.whole);
-            row.add(point);
+            self.tried.values().filter(|known| known.rung == point.rung).for_each(|known| row.add(*known));
             while !row.is_met() && self.left() > 0 && self.attempt(&mut row)? {}
         }
         match self.smallest(wanted) {

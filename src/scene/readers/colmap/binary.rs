@@ -118,7 +118,10 @@ pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
     cameras_of(path, read.into_iter().zip(1..).map(|((id, lens), number)| (record(number), id, lens)))
 }
 
-/// rigs.bin: the number of sensors of each rig. How they stand to each other is in the images' poses, too.
+/// COLMAP's number of sensors that are cameras.
+const CAMERA: u32 = 0;
+
+/// rigs.bin: the number of cameras of each rig. How they stand to each other is in the images' poses, too.
 pub(super) fn rigs(path: &Path) -> Result<Vec<usize>, Error> {
     records::<_, String>(
         path,
@@ -128,13 +131,16 @@ pub(super) fn rigs(path: &Path) -> Result<Vec<usize>, Error> {
         |cursor, rows| {
             let _id = cursor.u32()?;
             let sensors = cursor.u32()?;
+            let mut cameras = 0;
             for sensor in 0..sensors {
-                cursor.take(8)?; // kind and id; the first has no pose
+                cameras += usize::from(cursor.u32()? == CAMERA);
+                let _id = cursor.u32()?;
+                // The first has no pose.
                 if sensor > 0 && cursor.array::<1>()? != [0] {
                     cursor.take(7 * 8)?;
                 }
             }
-            rows.push(sensors as usize);
+            rows.push(cameras);
             Ok(())
         },
     )

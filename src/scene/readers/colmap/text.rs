@@ -56,13 +56,14 @@ fn is_record(line: &str) -> bool {
     !line.trim().is_empty() && !line.trim_start().starts_with('#')
 }
 
-/// rigs.txt: the number of sensors of each rig.
+/// rigs.txt: the number of cameras of each rig.
 pub(super) fn rigs(path: &Path) -> Result<Vec<usize>, Error> {
     let text = files::read_text(path)?;
     let rig = |line: &str| -> Result<usize, String> {
         let mut fields = Fields::new(line);
         let _id: u32 = fields.value("id")?;
-        fields.value("number of sensors")
+        let sensors: usize = fields.value("number of sensors")?;
+        Ok(sensors.saturating_sub(line.split_whitespace().filter(|word| *word == "IMU").count()))
     };
     let read = |(number, line)| rig(line).map_err(|what| Error::malformed(path, format!("line {number}"), what));
     lines(&text).map(read).collect()

@@ -1,0 +1,223 @@
+//! Cameras.
+
+use crate::arrays::matrix;
+use crate::errors::{size, some_size, views, whole, wrong};
+use crate::fork::detached;
+use crate::model::Model;
+use engine::gaussians::outline::outline;
+use engine::glam::{DMat3, DVec2, DVec3};
+use engine::pipeline::render::near_at;
+use engine::render::Settings;
+use engine::scene::{
+    camera,
+    orbit::{Look, UP},
+};
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+
+/// A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).
+///
+/// K: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
+/// near: near plane, in world units along the camera's axis; closer Gaussians are not drawn. 0.2 by default, which small models need less of:
+/// the cameras of `orbit` have one that fits. Cameras can be pickled.
+#[pyclass(frozen, module = "qirf_vk")]
+#[derive(Clone)]
+pub struct Camera {
+    pub(crate) inner: camera::Camera,
+    /// Gaussians nearer than this are left out; the usual distance if absent.
+    pub(crate) near: Option<f32>,
+}
+
+#[pymethods]
+impl Camera {
+    /// From K (3, 3) in pixels, world_to_camera (3, 4) or (4, 4), and the size (width, height).
+    #[new]
+    #[pyo3(signature = (K=None, world_to_camera=None, size=None, *, near=None, k=None),
+        text_signature = "(K, world_to_camera, size, *, near=None)")]
+    #[allow(non_snake_case, reason = "the name in Python")]
+    fn new(
+        K: Option<&Bound<'_, PyAny>>,
+        world_to_camera: Option<&Bound<'_, PyAny>>,
+        #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
+        near: Option<f32>,
+        k: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        // `k` is what K was called before.
+        let (Some(k), Some(pose), Some(size)) = (K.or(k), world_to_camera, size) else {
+            return Err(PyTypeError::new_err("a Camera needs K, world_to_camera and size"));
+        };
+        Self::of_matrices(k, pose, size, near)
+    }
+
+    /// A camera at `eye` that looks at `target`; fov is vertical, in degrees.
+    #[staticmethod]
+    #[pyo3(signature = (eye, target=[0.0; 3], *, up=UP.to_array(), fov=40.0, size=(1280, 720), near=None),
+        text_signature = "(eye, target=(0.0, 0.0, 0.0), *, up=(0.0, -1.0, 0.0), fov=40.0, size=(1280, 720), near=None)")]
+    fn look_at(
+        eye: [f64; 3],
+        target: [f64; 3],
+        up: [f64; 3],
+        fov: f64,
+        #[pyo3(from_py_with = size)] size: (u32, u32),
+        near: Option<f32>,
+    ) -> PyResult<Self> {
+        if !(fov > 0.0 && fov < 180.0) {
+            return Err(wrong(format!("a field of view of {fov} degrees: give one above 0 and below 180")));
+        }
+        let [eye, target, up] = [eye, target, up].map(DVec3::from_array);
+        if eye == target || up == DVec3::ZERO || ![eye, target, up].iter().all(|v| v.is_finite()) {
+            return Err(wrong("a camera looks from eye to another point, target, and up is a direction"));
+        }
+        Self::checked(camera::Camera::look_at(eye, target, up, fov.to_radians(), size.0, size.1), near)
+    }
+
+    /// The near plane, in world units along the camera's axis; None for the usual distance, 0.2.
+    #[getter]
+    fn near(&self) -> Option<f32> {
+        self.near
+    }
+
+    /// The camera's place in the world, (x, y, z).
+    #[getter]
+    fn centre(&self) -> (f64, f64, f64) {
+        self.inner.centre().into()
+    }
+
+    /// Width and height in pixels.
+    #[getter]
+    fn size(&self) -> (u32, u32) {
+        (self.inner.width, self.inner.height)
+    }
+
+    /// The intrinsic matrix in pixels, (3, 3).
+    #[getter(K)]
+    fn k<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let camera::Camera { focal, principal, .. } = &self.inner;
+        let rows = [[focal.x, 0.0, principal.x], [0.0, focal.y, principal.y], [0.0, 0.0, 1.0]];
+        Array2::from(rows.to_vec()).into_pyarray(py)
+    }
+
+    /// The pose, (4, 4).
+    #[getter]
+    fn world_to_camera<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let (r, t) = (self.inner.rotation.transpose(), self.inner.translation);
+        let mut pose = Array2::eye(4);
+        for i in 0..3 {
+            for j in 0..3 {
+                pose[(i, j)] = r.col(i)[j];
+            }
+            pose[(i, 3)] = t[i];
+        }
+        pose.into_pyarray(py)
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let make = py.import("qirf_vk")?.getattr("_camera")?;
+        Ok((make, (self.k(py), self.world_to_camera(py), self.size(), self.near).into_pyobject(py)?))
+    }
+
+    fn __copy__<'py>(this: &Bound<'py, Self>) -> Bound<'py, Self> {
+        this.clone()
+    }
+
+    fn __deepcopy__<'py>(this: &Bound<'py, Self>, _memo: &Bound<'py, PyDict>) -> Bound<'py, Self> {
+        this.clone()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Camera({} x {}, at {})", self.inner.width, self.inner.height, self.inner.centre())
+    }
+}
+
+impl Camera {
+    /// A camera from K (3, 3) and a pose (3, 4) or (4, 4).
+    pub(crate) fn of_matrices(
+        k: &Bound<'_, PyAny>,
+        world_to_camera: &Bound<'_, PyAny>,
+        size: (u32, u32),
+        near: Option<f32>,
+    ) -> PyResult<Self> {
+        let k: [[f64; 3]; 3] = matrix(k, "K")?;
+        let (pose, last): ([[f64; 4]; 3], _) = match matrix::<4, 4>(world_to_camera, "world_to_camera") {
+            Ok([a, b, c, last]) => ([a, b, c], last),
+            Err(_) => (matrix(world_to_camera, "world_to_camera")?, [0.0, 0.0, 0.0, 1.0]),
+        };
+        let rows = pose.map(|row| DVec3::new(row[0], row[1], row[2]));
+        let rotation = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
+        let off = rotation * rotation.transpose() - DMat3::IDENTITY;
+        if !(off.to_cols_array().iter().all(|x| x.abs() < 1e-4) && rotation.determinant() > 0.0) {
+            return Err(wrong("world_to_camera does not begin with a rotation"));
+        }
+        if !matches!(last, [0.0, 0.0, 0.0, 1.0]) {
+            return Err(wrong("the last row of world_to_camera should be 0, 0, 0, 1"));
+        }
+        let [[fx, skew, _], [below, fy, _], [left, under, one]] = k;
+        let usual = [skew, below, left, under, one - 1.0].iter().all(|x| *x == 0.0);
+        if !(usual && fx > 0.0 && fy > 0.0 && k.as_flattened().iter().all(|x| x.is_finite())) {
+            return Err(wrong("K should be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0"));
+        }
+        Self::checked(
+            camera::Camera {
+                rotation,
+                translation: DVec3::from_array(pose.map(|row| row[3])),
+                focal: DVec2::new(k[0][0], k[1][1]),
+                principal: DVec2::new(k[0][2], k[1][2]),
+                width: size.0,
+                height: size.1,
+                whole: None,
+            },
+            near,
+        )
+    }
+
+    pub(crate) fn checked(inner: camera::Camera, near: Option<f32>) -> PyResult<Self> {
+        if !(inner.translation.is_finite() && inner.rotation.is_finite() && inner.principal.is_finite()) {
+            return Err(wrong("a camera's place and direction should be finite numbers"));
+        }
+        if let Some(near) = near.filter(|near| !(near.is_finite() && *near > 0.0)) {
+            return Err(wrong(format!("near={near}: give a finite distance above 0")));
+        }
+        Ok(Self { inner, near })
+    }
+}
+
+/// The camera that was pickled.
+#[pyfunction(name = "_camera")]
+pub fn unpickled(
+    k: &Bound<'_, PyAny>,
+    world_to_camera: &Bound<'_, PyAny>,
+    size: (u32, u32),
+    near: Option<f32>,
+) -> PyResult<Camera> {
+    Camera::of_matrices(k, world_to_camera, size, near)
+}
+
+/// Cameras on a circle around a model, those of `qirf-vk render --orbit`; fov is vertical, elevation above the horizon, in degrees.
+#[pyfunction]
+#[pyo3(signature = (model, count, *, size=(1280, 720), fov=40.0, elevation=15.0, up=UP.to_array()),
+    text_signature = "(model, count, *, size=(1280, 720), fov=40.0, elevation=15.0, up=(0.0, -1.0, 0.0))")]
+pub fn orbit(
+    py: Python<'_>,
+    model: &Bound<'_, Model>,
+    #[pyo3(from_py_with = whole)] count: i64,
+    #[pyo3(from_py_with = size)] size: (u32, u32),
+    fov: f64,
+    elevation: f64,
+    up: [f64; 3],
+) -> PyResult<Vec<Camera>> {
+    let Some(up) = DVec3::from_array(up).try_normalize() else { return Err(wrong("up should be a direction")) };
+    if !(fov > 0.0 && fov < 180.0 && elevation.abs() < 90.0) {
+        return Err(wrong("give a field of view above 0 and below 180 degrees, and an elevation between -90 and 90"));
+    }
+    let count = views("count", count, 1)?;
+    let look = Look { fov: fov.to_radians(), elevation: elevation.to_radians(), size };
+    let model = model.get().inner.clone();
+    let (near, cameras) = detached(py, || {
+        let outline = outline(&model, up);
+        (near_at(Settings::default().near, outline.framing(&look).distance), outline.cameras(count, &look))
+    })?;
+    cameras.into_iter().map(|camera| Camera::checked(camera, Some(near))).collect()
+}

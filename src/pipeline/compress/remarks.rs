@@ -1,0 +1,57 @@
+//! What a user should know of a compression besides its figures.
+
+use super::fit::megabytes;
+use crate::job::records::{Aim, CompressRecord};
+use crate::metrics::Scores;
+use std::path::Path;
+
+/// PSNR in dB below which a file is called a poor copy.
+const POOR: f64 = 40.0;
+/// Excess over the wanted PSNR, in dB, that is reported.
+const ABOVE: f64 = 0.1;
+/// Loss in dB by packing alone that a compressed file does not need.
+const PACKED: f64 = 3.0;
+
+/// A line for the user.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Remark {
+    /// What is good to know.
+    Note(String),
+    /// What may not be what was wanted.
+    Warning(String),
+}
+
+/// Where a file has more or less than was requested, and whether packing ruined it.
+pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
+    let CompressRecord { aim, input, output, test, .. } = figures;
+    let of_aim = match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
+        Some((Aim::Bytes(size), _)) if output.gaussians == input.gaussians && 20 * output.bytes < 19 * size => {
+            let [own, size] = [output.bytes, size].map(|bytes| megabytes(bytes as f64, 1));
+            Some(Remark::Note(format!(
+                "the whole model takes {own} in this format: no larger file, up to {size}, is better"
+            )))
+        }
+        Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => Some(Remark::Warning(format!(
+            "no file in this format reaches {wanted} dB: this one, of the whole model, is the finest"
+        ))),
+        Some((Aim::Psnr(wanted), Some(psnr))) if psnr > wanted + ABOVE => Some(Remark::Note(format!(
+            "no smaller file was found that reaches {wanted} dB: this one is {:.1} dB above",
+            psnr - wanted
+        ))),
+        _ => None,
+    };
+    let psnr = |scores: &Option<Scores>| scores.as_ref().map(|scores| scores.psnr.unwrap_or(f64::INFINITY));
+    let packing = psnr(test.fine_tuned.as_ref().map_or(&test.pruned, |_| &test.fine_tuned)).zip(psnr(&test.written));
+    let ruined = packing.filter(|(before, written)| before - written > PACKED);
+    of_aim.into_iter().chain(ruined.and_then(|(_, written)| poor(&output.path, written))).collect()
+}
+
+/// The warning of a poor copy, with the PSNR of its pictures.
+pub fn poor(path: &Path, psnr: f64) -> Option<Remark> {
+    (psnr < POOR).then(|| {
+        Remark::Warning(format!(
+            "{} is a poor copy: its pictures have {psnr:.1} dB against the model's; .ply and .glb lose nothing",
+            path.display()
+        ))
+    })
+}

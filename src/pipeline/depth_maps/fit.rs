@@ -1,0 +1,201 @@
+//! What the numbers of a depth map measure, by the points that it shows; and whether maps agree with each other.
+
+use glam::{DMat3, DVec3};
+
+use super::read::Map;
+use crate::scene::lens::Lens;
+use crate::scene::{DepthMap, Point, Scene, View, median};
+
+/// Minimum number of points for a map's scale.
+const FEWEST: usize = 8;
+/// Minimum number of points that tell other numbers from depths: of noisy maps with fewer, some seem to hold them.
+const TELLING: usize = 20;
+/// Median relative deviation from the scale above which a map does not fit the points.
+pub(super) const APART: f64 = 0.2;
+/// Share of the deviation of depths below which points that deviate from another meaning decide for it.
+const CLEARLY: f64 = 0.5;
+/// Inverse depths are used from this share of the points' smallest to the largest divided by it: beyond, a scale found by
+/// points says little.
+const BEYOND: f64 = 0.5;
+/// Distances, in photos, between maps that are compared.
+const STEPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
+/// Median deviation from their ratio up to which two maps show the same surface.
+const SAME_SURFACE: f64 = 0.05;
+
+/// What a map's numbers measure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// Depths along the camera's axis; along rays for photos that are cut into faces.
+    #[default]
+    Depths,
+    /// Lengths along rays.
+    Rays,
+    /// Inverse depths, or disparities: inverse depths of any scale and offset.
+    Inverse,
+}
+
+impl Meaning {
+    pub(super) const ALL: [Self; 3] = [Self::Depths, Self::Rays, Self::Inverse];
+}
+
+/// A map's scale.
+pub(super) enum Scale {
+    /// The factor from its numbers to depths by the capture's points, which deviate by this share of the depth in the median.
+    Points(f64, f64),
+    /// None: too few points lie in it.
+    Unknown,
+    /// The points contradict every scale.
+    Apart,
+}
+
+/// A map with what is known of its numbers.
+pub(super) struct Fitted {
+    /// The map; of inverse depths, the depths in world units.
+    pub map: Map,
+    pub meaning: Meaning,
+    pub scale: Scale,
+}
+
+/// The photo of a view; the photo of a face looks along another axis.
+pub(super) struct Source {
+    lens: Lens,
+    /// From the view's camera coordinates to the photo's.
+    pub back: DMat3,
+    along_rays: bool,
+}
+
+impl Source {
+    /// The photo at the size of its map.
+    pub fn new(view: &View, map: &Map, meaning: Meaning) -> Self {
+        let back = view.face.as_ref().map_or(DMat3::IDENTITY, |face| face.turn.transpose());
+        let along_rays = view.face.is_some() || meaning == Meaning::Rays;
+        Self { lens: view.lens.resized(map.width, map.height), back, along_rays }
+    }
+
+    /// The map's value divided by the depth at `place`, in the photo's camera coordinates.
+    pub fn depth(&self, place: DVec3) -> f64 {
+        if self.along_rays { place.length() } else { place.z }
+    }
+
+    /// The value of a map in a direction, in the photo's camera coordinates.
+    pub fn look(&self, map: &Map, direction: DVec3) -> Option<f64> {
+        let at = self.lens.pixel_of(direction);
+        let inside = at.min_element() >= 0.0 && at.x < f64::from(map.width) && at.y < f64::from(map.height);
+        if inside { map.between(at) } else { None }
+    }
+}
+
+/// A point in a map: the map's number, and the depth that it would have.
+#[derive(Clone, Copy)]
+struct Sample {
+    number: f64,
+    depth: f64,
+}
+
+/// The median of |ratio - 1|.
+fn deviation(ratios: impl Iterator<Item = f64>) -> f64 {
+    median(&mut ratios.map(|ratio| (ratio - 1.0).abs()).collect::<Vec<_>>()).unwrap_or(f64::INFINITY)
+}
+
+/// The factor from numbers to depths, and the samples' median deviation from it.
+fn scale(samples: &[Sample]) -> (f64, f64) {
+    let ratios = || samples.iter().map(|s| s.depth / s.number);
+    let scale = median(&mut ratios().collect::<Vec<_>>()).unwrap_or(1.0);
+    (scale, deviation(ratios().map(|ratio| ratio / scale)))
+}
+
+/// The median deviation of the samples from their median depth.
+fn level(samples: &[Sample]) -> f64 {
+    let middle = median(&mut samples.iter().map(|s| s.depth).collect::<Vec<_>>()).unwrap_or(1.0);
+    deviation(samples.iter().map(|s| s.depth / middle))
+}
+
+/// The line from numbers to inverse depths through the medians of the samples' lowest and highest third, if it rises, and the
+/// median deviation of the depths from it.
+fn line(samples: &[Sample]) -> Option<([f64; 2], f64)> {
+    let mut by_number = samples.to_vec();
+    by_number.sort_by(|a, b| a.number.total_cmp(&b.number));
+    let third = by_number.len().div_ceil(3);
+    let middle = |part: &[Sample]| {
+        let of = |value: fn(&Sample) -> f64| median(&mut part.iter().map(value).collect::<Vec<_>>());
+        Some((of(|s| s.number)?, of(|s| 1.0 / s.depth)?))
+    };
+    let ((low, from), (high, to)) = (middle(&by_number[..third])?, middle(&by_number[by_number.len() - third..])?);
+    let slope = (to - from) / (high - low);
+    let offset = median(&mut samples.iter().map(|s| 1.0 / s.depth - slope * s.number).collect::<Vec<_>>())?;
+    let off = deviation(samples.iter().map(|s| s.depth * (slope * s.number + offset)));
+    (slope > 0.0 && slope.is_finite()).then_some(([slope, offset], off))
+}
+
+/// What the numbers of a view's map measure, by the points that the photo sees.
+pub(super) fn fit<'a>(view: &View, mut map: Map, seen: impl Iterator<Item = &'a Point>) -> Fitted {
+    let by_meaning = [Meaning::Depths, Meaning::Rays].map(|meaning| Source::new(view, &map, meaning));
+    let [depths, rays] = &by_meaning;
+    let mut samples = [Vec::new(), Vec::new()];
+    for point in seen {
+        let p = depths.back * (view.camera.rotation * point.position + view.camera.translation);
+        if let Some(number) = Some(p).filter(|p| depths.depth(*p) > 0.0).and_then(|p| depths.look(&map, p)) {
+            samples[0].push(Sample { number, depth: depths.depth(p) });
+            samples[1].push(Sample { number, depth: rays.depth(p) });
+        }
+    }
+    let [by_depth, by_ray] = &samples;
+    if by_depth.len() < FEWEST {
+        return Fitted { map, meaning: Meaning::Depths, scale: Scale::Unknown };
+    }
+    let (mut factor, mut off) = scale(by_depth);
+    let telling = by_depth.len() >= TELLING;
+    let (mut meaning, most) = (Meaning::Depths, if telling { CLEARLY * off } else { 0.0 });
+    let (by_rays, off_rays) = scale(by_ray);
+    if off_rays < most {
+        (meaning, factor, off) = (Meaning::Rays, by_rays, off_rays);
+    }
+    // A line may be level: it has to tell more than one depth for all.
+    let most = most.min(CLEARLY * level(by_depth)).min(off);
+    if let Some(([slope, offset], off_line)) = line(by_depth).filter(|(_, off_line)| *off_line < most) {
+        (meaning, factor, off) = (Meaning::Inverse, 1.0, off_line);
+        let inverse = || by_depth.iter().map(|s| 1.0 / s.depth);
+        let least = BEYOND * inverse().fold(f64::INFINITY, f64::min);
+        let most = inverse().fold(0.0, f64::max) / BEYOND;
+        map.depths.iter_mut().for_each(|number| {
+            let inverse = slope * f64::from(*number) + offset;
+            *number = if *number > 0.0 && (least..=most).contains(&inverse) { (1.0 / inverse) as f32 } else { 0.0 };
+        });
+    }
+    Fitted { map, meaning, scale: if off > APART { Scale::Apart } else { Scale::Points(factor, off) } }
+}
+
+/// How far the maps of photos are from each other, as a share of the depth, in the median: of the points of each map from the
+/// next photo's, or of whole maps from those further on that show the same surface. None if too few points lie in two maps.
+pub(super) fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Point]) -> Option<f64> {
+    let name = |view: usize| scene.views[view].photo_name();
+    let photos: Vec<&[(usize, DepthMap)]> = maps.chunk_by(|a, b| name(a.0) == name(b.0)).collect();
+    let seen = |point: &Point, photo: &[(usize, DepthMap)]| {
+        photo.iter().find_map(|(v, map)| {
+            let camera = scene.views[*v].camera.resized(map.width, map.height);
+            let [x, y] = camera.pixel_of(point.position)?;
+            Some(camera.depth(point.position) / map.at(x, y)?)
+        })
+    };
+    let own = |point: &Point| point.track.first().map(|v| *v as usize);
+    let of_photos: Vec<&[Point]> = points
+        .chunk_by(|a, b| own(a).map(name) == own(b).map(name))
+        .filter(|points| own(&points[0]).is_some())
+        .collect();
+    let (mut next, mut further) = (Vec::new(), Vec::new());
+    for points in of_photos {
+        let at = photos.iter().position(|photo| own(&points[0]).is_some_and(|v| name(photo[0].0) == name(v)));
+        for (step, photo) in STEPS.iter().filter_map(|step| Some((*step, photos.get(at? + step)?))) {
+            let mut ratios: Vec<f64> = points.iter().filter_map(|point| seen(point, photo)).collect();
+            if step == 1 {
+                next.extend(ratios.iter().map(|ratio| (ratio - 1.0).abs()));
+            }
+            let Some(middle) = median(&mut ratios).filter(|_| ratios.len() >= FEWEST) else { continue };
+            if deviation(ratios.iter().map(|ratio| ratio / middle)) < SAME_SURFACE {
+                further.push((middle - 1.0).abs());
+            }
+        }
+    }
+    let near = median(&mut next).filter(|_| next.len() >= FEWEST)?;
+    Some(median(&mut further).map_or(near, |far| near.max(far)))
+}
