@@ -53,7 +53,7 @@ fn a_size_is_met_by_fewer_bands_where_these_show_nothing() {
     let made = small(&model, &folder.path().join("a.ply"), &["--size", &format!("{bytes}B")]);
     // Some Gaussians lie within the ball.
     assert!(made["output"]["sh_degree"] == 0 && count(&made, "output") > 570, "{}", made["aim"]);
-    assert!(made["test"]["written"]["psnr"].is_null(), "equal pictures: {}", made["test"]);
+    assert!(made["test"]["written"]["psnr"].as_f64().is_none_or(|psnr| psnr > 60.0), "{}", made["test"]);
     assert_eq!(made["aim"]["precision"]["degree"], 0);
 }
 
