@@ -16,8 +16,8 @@ const uint SCAN_DIGITS = 1;
 const uint SCATTER = 2;
 
 layout(constant_id = 2) const uint PHASE = COUNT_DIGITS;
-layout(constant_id = 3) const uint ROWS = 16; // keys per invocation
-layout(constant_id = 4) const uint DIGIT_BITS = 8;
+layout(constant_id = 3) const uint ROWS = 16; // keys per invocation, unless SERIAL
+layout(constant_id = 4) const uint DIGIT_BITS = 8; // the most bits, if SERIAL
 // True if each invocation ranks a run of its own, without ballots, which cost more than they save if lanes share one core.
 layout(constant_id = 5) const bool SERIAL = false;
 layout(constant_id = 6) const bool FEW_BLOCKS = false; // true if there is no second phase
@@ -30,10 +30,10 @@ layout(binding = 2, std430) readonly buffer ValuesIn { uint values_in[]; };
 layout(binding = 3, std430) buffer Digits { uint digits[]; }; // [digit][block], then the total of each digit; [block][digit] if FEW_BLOCKS
 layout(binding = 4, std430) writeonly buffer KeysOut { uint keys_out[]; };
 layout(binding = 5, std430) writeonly buffer ValuesOut { uint values_out[]; };
-layout(push_constant) uniform Push { uint shift; };
+// If SERIAL, the loops over rows and digits are of any length: one kernel is compiled for all sorts.
+layout(push_constant) uniform Push { uint shift; uint serial_rows; uint serial_bits; };
 
 const uint RADIX = 1u << DIGIT_BITS;
-const uint BLOCK = WORKGROUP * ROWS;
 const uint UNITS = SERIAL ? WORKGROUP : WORKGROUP / SUBGROUP;
 // Keys and values that an invocation holds in registers: it loads all of them before it needs the first.
 const uint HELD = SERIAL ? 1 : ROWS;
@@ -44,14 +44,20 @@ shared uint counters[COUNTERS];
 shared uint totals[RADIX];
 shared uint starts[RADIX]; // destination of the block's keys of each digit
 
-uint digit_of(uint key) { return (key >> shift) & (RADIX - 1); }
+uint rows() { return SERIAL ? serial_rows : ROWS; }
+
+uint radix() { return SERIAL ? 1u << serial_bits : RADIX; }
+
+uint block_size() { return WORKGROUP * rows(); }
+
+uint digit_of(uint key) { return (key >> shift) & (radix() - 1); }
 
 uint unit() { return SERIAL ? gl_LocalInvocationID.x : gl_SubgroupID; }
 
 // Position of this invocation's key in a row.
 uint position(uint row) {
-    uint start = group_index() * BLOCK;
-    return SERIAL ? start + gl_LocalInvocationID.x * ROWS + row
+    uint start = group_index() * block_size();
+    return SERIAL ? start + gl_LocalInvocationID.x * rows() + row
                   : start + (gl_SubgroupID * ROWS + row) * SUBGROUP + gl_SubgroupInvocationID;
 }
 
@@ -93,14 +99,14 @@ uint rank(uint digit, bool there) {
 
 // Counts the keys of an invocation's run by digit.
 void count_run(uint n) {
-    [[dont_unroll]] for (uint row = 0; row < ROWS; row++) {
-        if (position(row) < n) counters[unit() * RADIX + digit_of(keys_in[position(row)])]++;
+    [[dont_unroll]] for (uint row = 0; row < rows(); row++) {
+        if (position(row) < n) counters[unit() * radix() + digit_of(keys_in[position(row)])]++;
     }
 }
 
 void count_digits(uint n) {
     if (!SERIAL) hold_keys(n);
-    clear_counters(SERIAL ? UNITS * RADIX : RADIX);
+    clear_counters(SERIAL ? UNITS * radix() : radix());
     if (SERIAL) {
         count_run(n);
     } else {
@@ -110,19 +116,19 @@ void count_digits(uint n) {
         }
     }
     barrier();
-    uint blocks = (n + BLOCK - 1) / BLOCK;
+    uint blocks = (n + block_size() - 1) / block_size();
     if (group_index() >= blocks) return;
-    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) {
+    for (uint digit = gl_LocalInvocationID.x; digit < radix(); digit += WORKGROUP) {
         uint sum = 0;
-        [[dont_unroll]] for (uint u = 0; u < (SERIAL ? UNITS : 1); u++) sum += counters[u * RADIX + digit];
-        digits[FEW_BLOCKS ? group_index() * RADIX + digit : digit * blocks + group_index()] = sum;
+        [[dont_unroll]] for (uint u = 0; u < (SERIAL ? UNITS : 1); u++) sum += counters[u * radix() + digit];
+        digits[FEW_BLOCKS ? group_index() * radix() + digit : digit * blocks + group_index()] = sum;
     }
 }
 
 void scan_digits(uint n) {
     uint digit = group_index() * UNITS + unit();
-    if (digit >= RADIX) return;
-    uint blocks = (n + BLOCK - 1) / BLOCK;
+    if (digit >= radix()) return;
+    uint blocks = (n + block_size() - 1) / block_size();
     uint row = digit * blocks;
     uint sum = 0;
     if (SERIAL) {
@@ -140,25 +146,25 @@ void scan_digits(uint n) {
             sum += subgroupBroadcast(inclusive, SUBGROUP - 1);
         }
     }
-    if (SERIAL || subgroupElect()) digits[RADIX * blocks + digit] = sum;
+    if (SERIAL || subgroupElect()) digits[radix() * blocks + digit] = sum;
 }
 
 // The number of keys of each digit, and in `starts` the number of those in previous blocks.
 void count_before(uint blocks) {
-    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) {
+    for (uint digit = gl_LocalInvocationID.x; digit < radix(); digit += WORKGROUP) {
         uint total = 0, before = 0;
         if (FEW_BLOCKS) {
             // As with keys: several are loaded before the first is needed.
             for (uint first = 0; first < blocks; first += 8) {
                 uint own[8];
-                [[unroll]] for (uint k = 0; k < 8; k++) own[k] = first + k < blocks ? digits[(first + k) * RADIX + digit] : 0;
+                [[unroll]] for (uint k = 0; k < 8; k++) own[k] = first + k < blocks ? digits[(first + k) * radix() + digit] : 0;
                 [[unroll]] for (uint k = 0; k < 8; k++) {
                     total += own[k];
                     before += first + k < group_index() ? own[k] : 0;
                 }
             }
         } else {
-            total = digits[RADIX * blocks + digit];
+            total = digits[radix() * blocks + digit];
             before = group_index() < blocks ? digits[digit * blocks + group_index()] : 0;
         }
         totals[digit] = total;
@@ -171,11 +177,11 @@ void count_before(uint blocks) {
 void scan_totals() {
     if (gl_SubgroupID != 0) return;
     uint carry = 0;
-    for (uint first = 0; first < RADIX; first += SUBGROUP) {
+    for (uint first = 0; first < radix(); first += SUBGROUP) {
         uint digit = first + gl_SubgroupInvocationID;
-        uint own = digit < RADIX ? totals[digit] : 0;
+        uint own = digit < radix() ? totals[digit] : 0;
         uint inclusive = subgroupInclusiveAdd(own);
-        if (digit < RADIX) totals[digit] = carry + inclusive - own;
+        if (digit < radix()) totals[digit] = carry + inclusive - own;
         carry += subgroupBroadcast(inclusive, SUBGROUP - 1);
     }
 }
@@ -183,8 +189,8 @@ void scan_totals() {
 // Turns the counters of a digit into sums over the units before each, starting at `start`; returns the sum of all.
 uint scan_units(uint digit, uint start) {
     for (uint u = 0; u < UNITS; u++) {
-        uint own = counters[u * RADIX + digit];
-        counters[u * RADIX + digit] = start;
+        uint own = counters[u * radix() + digit];
+        counters[u * radix() + digit] = start;
         start += own;
     }
     return start;
@@ -192,10 +198,10 @@ uint scan_units(uint digit, uint start) {
 
 // Writes the keys and values of an invocation's run in their order: the counter of a digit is the position of its next key.
 void write_run(uint n) {
-    [[dont_unroll]] for (uint row = 0; row < ROWS; row++) {
+    [[dont_unroll]] for (uint row = 0; row < rows(); row++) {
         uint at = position(row);
         if (at < n) {
-            uint own = keys_in[at], to = counters[unit() * RADIX + digit_of(own)]++;
+            uint own = keys_in[at], to = counters[unit() * radix() + digit_of(own)]++;
             keys_out[to] = own;
             values_out[to] = values_in[at];
         }
@@ -206,7 +212,7 @@ void write_run(uint n) {
 void write_by_rank(uint n, uint ranks[HELD]) {
     for (uint row = 0; row < HELD; row++) {
         if (position(row) < n) {
-            uint to = counters[unit() * RADIX + digit_of(held_keys[row])] + ranks[row];
+            uint to = counters[unit() * radix() + digit_of(held_keys[row])] + ranks[row];
             keys_out[to] = held_keys[row];
             values_out[to] = held_values[row];
         }
@@ -215,21 +221,21 @@ void write_by_rank(uint n, uint ranks[HELD]) {
 
 // The same through shared memory, where the block's words are put in order.
 void write_staged(uint n, uint ranks[HELD]) {
-    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) totals[digit] = scan_units(digit, 0);
+    for (uint digit = gl_LocalInvocationID.x; digit < radix(); digit += WORKGROUP) totals[digit] = scan_units(digit, 0);
     barrier();
     scan_totals();
     barrier();
     uint places[HELD], targets[HELD];
     for (uint row = 0; row < HELD; row++) {
         uint digit = digit_of(held_keys[row]);
-        places[row] = totals[digit] + counters[unit() * RADIX + digit] + ranks[row];
+        places[row] = totals[digit] + counters[unit() * radix() + digit] + ranks[row];
     }
     barrier();
     for (uint row = 0; row < HELD; row++) {
         if (position(row) < n) counters[places[row]] = held_keys[row];
     }
     barrier();
-    uint here = min(BLOCK, n - group_index() * BLOCK);
+    uint here = min(block_size(), n - group_index() * block_size());
     for (uint row = 0; row < HELD; row++) {
         uint place = row * WORKGROUP + gl_LocalInvocationID.x;
         if (place < here) {
@@ -255,11 +261,11 @@ void scatter(uint n) {
         hold_keys(n);
         hold_values(n);
     }
-    uint blocks = (n + BLOCK - 1) / BLOCK;
+    uint blocks = (n + block_size() - 1) / block_size();
     count_before(blocks);
     scan_totals();
-    clear_counters(UNITS * RADIX);
-    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) starts[digit] += totals[digit];
+    clear_counters(UNITS * radix());
+    for (uint digit = gl_LocalInvocationID.x; digit < radix(); digit += WORKGROUP) starts[digit] += totals[digit];
     if (SERIAL) {
         count_run(n);
     } else {
@@ -271,7 +277,7 @@ void scatter(uint n) {
         write_staged(n, ranks);
         return;
     }
-    for (uint digit = gl_LocalInvocationID.x; digit < RADIX; digit += WORKGROUP) scan_units(digit, starts[digit]);
+    for (uint digit = gl_LocalInvocationID.x; digit < radix(); digit += WORKGROUP) scan_units(digit, starts[digit]);
     barrier();
     if (SERIAL) write_run(n);
     else write_by_rank(n, ranks);

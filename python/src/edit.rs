@@ -7,7 +7,8 @@ use crate::fork::detached;
 use crate::model::Model;
 use crate::photos::Photos;
 use crate::watch::{Callbacks, followed};
-use engine::edit::{Edit, MANY_FLOATERS, NEEDLE, Region, Similarity, Unwanted, common_origin, rounding};
+use crate::words::in_python;
+use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted, common_origin, floater_warning, rounding};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::gpu;
@@ -56,13 +57,8 @@ impl Model {
             model.compact(&found.iter().map(Option::is_none).collect::<Vec<bool>>());
             Ok((model, found.iter().flatten().count()))
         })?;
-        #[expect(clippy::cast_precision_loss, reason = "a share")]
-        let share = removed as f64 / self.inner.len().max(1) as f64;
-        if photos.is_some() && share > MANY_FLOATERS {
-            let n = self.inner.len();
-            let told = format!("{removed} of {n} Gaussians are floaters by these photos, far more than usual");
-            let place = "does the model lie where the photos were taken";
-            warn(py, &format!("{told}: {place}, and was it trained on pictures of this size (resolution)?"))?;
+        if let Some(warning) = floater_warning(removed, self.inner.len()).filter(|_| photos.is_some()) {
+            warn(py, &in_python(&warning))?;
         }
         Ok(self.like(model))
     }

@@ -59,7 +59,7 @@ fn path(error: &Error) -> Option<&Path> {
     }
 }
 
-/// What to do about an error, where that is not plain, as the end of its sentence.
+/// The remedy of an error whose own text names none, as the end of its sentence.
 fn remedy(error: &Error) -> String {
     match error {
         Error::Unfinished(checkpoint) => {

@@ -40,7 +40,7 @@ fn qirf_vk(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(compress::compress, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(camera::orbit, module)?)?;
-    // What unpickling calls.
+    // Unpickling calls these.
     module.add_function(wrap_pyfunction!(model::unpickled, module)?)?;
     module.add_function(wrap_pyfunction!(camera::unpickled, module)?)?;
     fork::register(module)

@@ -65,7 +65,7 @@ fn store(path: &Path, model: &Model, folder: &Path, resumed: bool) -> Result<(),
     formats::write_atomically(path, |out| out.write_all(&bytes)).map_err(Error::writing)
 }
 
-/// What a run leaves.
+/// The results of a run.
 struct Left {
     record: String,
     model: Model,

@@ -51,7 +51,7 @@ struct Loaded {
     told: usize,
 }
 
-/// What the job's threads and the one that waits share.
+/// State that the job's threads share with the one that waits.
 #[derive(Default)]
 struct Shared {
     loaded: Mutex<Loaded>,

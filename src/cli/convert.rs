@@ -24,7 +24,7 @@ use crate::render::Style;
 use crate::scene::orbit::UP;
 use crate::scene::{OpenOptions, Scene};
 use crate::view::alone::{PageOptions, Shell};
-use crate::wording::counted;
+use crate::wording::{counted, file_size};
 use glam::DVec3;
 use std::path::PathBuf;
 
@@ -76,7 +76,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     rendering: style::Rendering,
     /// Maximum size of the page, such as 5MB: find the page with the highest PSNR
-    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = crate::wording::file_size, help_heading = "Pages (.html)")]
+    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = file_size, help_heading = "Pages (.html)")]
     size: Option<u64>,
     /// Scene whose first camera shows the model first [default: the whole model]
     #[arg(long, value_name = "SCENE", help_heading = "Pages (.html)")]

@@ -23,7 +23,7 @@ use crate::pose::{is_video, pose};
 use crate::render::Style;
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
-use crate::wording::counted;
+use crate::wording::{counted, file_size};
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -82,7 +82,7 @@ pub(super) struct Arguments {
     clean: bool,
     /// Also write model.sog, the file of at most this size, such as 5MB, with the highest PSNR against the photos. It is made
     /// from the pruned model: for a large size, use a larger --keep
-    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = crate::wording::file_size)]
+    #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = file_size)]
     size: Option<u64>,
     /// Embed a viewer with the model in report.html; the page grows by 4/3 of the size of the SPZ
     #[arg(long)]

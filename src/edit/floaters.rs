@@ -3,6 +3,7 @@
 use crate::gaussians::{Gaussians, opacity};
 use crate::response::Score;
 use crate::scene::camera::Camera;
+use crate::wording::counted;
 use glam::DVec3;
 use rayon::prelude::*;
 use rstar::RTree;
@@ -38,7 +39,23 @@ const NEAR: f32 = 0.25;
 const ONE: f32 = 0.9;
 
 /// Share of a model above which floaters by photos are surprising: of trained models they were 1.2 % at most.
-pub const MANY_FLOATERS: f64 = 0.05;
+const MANY: f64 = 0.05;
+
+/// True if photos contradict far more of `all` Gaussians than usual.
+pub fn are_many_floaters(floaters: usize, all: usize) -> bool {
+    floaters as f64 > MANY * all as f64
+}
+
+/// A warning if photos contradict surprisingly many Gaussians.
+pub fn floater_warning(floaters: usize, all: usize) -> Option<String> {
+    are_many_floaters(floaters, all).then(|| {
+        format!(
+            "{floaters} of {} are floaters by these photos, far more than usual: does the model lie where the photos were taken, and \
+             was it trained on pictures of this size (--resolution)?",
+            counted(all, "Gaussian")
+        )
+    })
+}
 
 /// Evidence about a Gaussian from photos, or from pictures of the model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -30,7 +30,7 @@ mod unwanted;
 
 pub use editor::{Editor, Step};
 pub use error::Error;
-pub use floaters::{Evidence, MANY_FLOATERS, Reason, Sight};
+pub use floaters::{Evidence, Reason, Sight, are_many_floaters, floater_warning};
 pub use merge::{common_origin, merge, numbers, rounding};
 pub use region::Region;
 pub use similarity::{Similarity, between};

@@ -4,11 +4,11 @@ use super::decision::{Decision, is_near};
 use super::effect::Effect;
 use super::quantile::quantile;
 use super::training_set::{DepthEvidence, DepthWitness, TrainingSet};
-use crate::scene::lens::VISIBLE_DISPLACEMENT;
+use crate::scene::lens::{Lens, VISIBLE_DISPLACEMENT};
 use crate::scene::{ALPHA_SHARE, AlphaRole, SceneKind, View};
 use crate::wording::counted;
 use glam::DVec3;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 
 /// Ratio of a point's pixel footprints above which a scene calls for anti-aliasing.
 pub const FOOTPRINTS: f64 = 1.5;
@@ -156,7 +156,9 @@ fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
 
 /// Undistortion: measures how far lenses move pixels.
 pub fn distortion(set: &TrainingSet<'_>) -> Decision {
-    let moved = set.views().map(|v| v.lens.max_displacement()).fold(0.0, f64::max);
+    let mut known = HashSet::new();
+    let lenses = set.views().map(|view| &view.lens).filter(|lens| known.insert(lens.key()));
+    let moved = lenses.map(Lens::max_displacement).fold(0.0, f64::max);
     let undistorted = set.views().filter(|v| v.undistorts()).count();
     let cut = set.views().filter(|v| v.face.is_some()).count();
     let shown = match (undistorted, cut) {

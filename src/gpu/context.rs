@@ -7,7 +7,7 @@ use super::frame::Frames;
 use super::harness::order::Disorder;
 use super::harness::red_zone::Guards;
 use super::hazards::Hazards;
-use super::info::DeviceKind;
+use super::info::{DeviceClass, DeviceKind};
 use super::instance::Instance;
 use super::lock::lock;
 use super::logical::Logical;
@@ -41,8 +41,14 @@ pub(super) struct Context {
 }
 
 impl Context {
-    pub fn new(instance: Instance, candidate: Candidate, options: &DeviceOptions) -> Result<Self, Error> {
-        let logical = Logical::new(&instance, &candidate, options)?;
+    /// The state of a candidate, for kernels of a class; with a later tuning of another class, modules stay those of this one.
+    pub fn new(
+        instance: Instance,
+        candidate: Candidate,
+        class: DeviceClass,
+        options: &DeviceOptions,
+    ) -> Result<Self, Error> {
+        let logical = Logical::new(&instance, &candidate, class, options)?;
         let (raw, info) = (&logical.raw, &logical.info);
         // SAFETY: the family was found on this device and one queue was asked for.
         let queue = unsafe { raw.get_device_queue(candidate.queue_family, 0) };

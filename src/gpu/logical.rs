@@ -3,9 +3,9 @@
 use super::choose::properties::Candidate;
 use super::descriptors::{Binder, Descriptors};
 use super::error::{During, Error};
-use super::info::{DeviceInfo, Feature};
+use super::info::{DeviceClass, DeviceInfo, Feature};
 use super::instance::Instance;
-use super::module::Modules;
+use super::module::{Loops, Modules};
 use super::options::DeviceOptions;
 use ash::{ext, khr, vk};
 use std::ffi::CString;
@@ -29,8 +29,13 @@ pub(super) struct Logical {
 }
 
 impl Logical {
-    /// The logical device of a candidate, with one queue.
-    pub fn new(instance: &Instance, candidate: &Candidate, options: &DeviceOptions) -> Result<Self, Error> {
+    /// The logical device of a candidate, with one queue, for kernels of a class.
+    pub fn new(
+        instance: &Instance,
+        candidate: &Candidate,
+        class: DeviceClass,
+        options: &DeviceOptions,
+    ) -> Result<Self, Error> {
         let info = candidate.info.clone();
         let descriptors = Descriptors::choose(options.descriptors, &info)?;
         let raw = create(&instance.raw, candidate.physical, candidate.queue_family, &info)?;
@@ -45,6 +50,7 @@ impl Logical {
                 folder: options.harness.shaders.clone(),
                 keep_nan: info.has(Feature::NanPreserve),
                 reconverge: info.has(Feature::UniformSubgroups),
+                loops: Loops::of(info.kind, class),
             },
             pinned_subgroup: pins.then_some(info.subgroup_size),
             backwards: options.harness.order.is_some(),

@@ -1,6 +1,7 @@
 //! SPIR-V modules in the form that a device takes.
 
 use super::error::Error;
+use super::info::{DeviceClass, DeviceKind};
 use super::shader::Shader;
 use std::path::PathBuf;
 
@@ -11,6 +12,10 @@ const OP_EXTENSION: u32 = 10;
 const OP_ENTRY_POINT: u32 = 15;
 const OP_EXECUTION_MODE: u32 = 16;
 const OP_CAPABILITY: u32 = 17;
+const OP_LOOP_MERGE: u32 = 246;
+/// Bits of the control of a loop.
+const UNROLL: u32 = 1;
+const DONT_UNROLL: u32 = 2;
 const SIGNED_ZERO_INF_NAN_PRESERVE: u32 = 4461;
 const SIGNED_ZERO_INF_NAN_PRESERVE_CAPABILITY: u32 = 4466;
 const SUBGROUP_UNIFORM_CONTROL_FLOW: u32 = 4421;
@@ -27,6 +32,48 @@ pub(super) struct Modules {
     /// Whether modules declare that a subgroup that enters a construct as one leaves it as one: without it, SPIR-V says so of
     /// whole workgroups alone, and the subgroups of a tile walk loops of different lengths.
     pub reconverge: bool,
+    /// Which loops the driver is asked to leave as loops.
+    pub loops: Loops,
+}
+
+/// The loops that modules ask a driver not to unroll. A GPU's compiler decides for itself; that of a CPU device takes seconds for
+/// what it unrolls, and gains nothing (decision 188).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Loops {
+    /// None.
+    #[default]
+    Free,
+    /// Those that the shader does not ask to unroll.
+    Unmarked,
+    /// All.
+    Every,
+}
+
+impl Loops {
+    /// The choice for kernels of a class on a device of a kind. On a CPU device, kernels in the shapes of GPUs are
+    /// for tests.
+    pub fn of(kind: DeviceKind, class: DeviceClass) -> Self {
+        match (kind, class) {
+            (DeviceKind::Cpu, DeviceClass::Cpu | DeviceClass::SwiftShader) => Self::Unmarked,
+            (DeviceKind::Cpu, _) => Self::Every,
+            _ => Self::Free,
+        }
+    }
+
+    /// Marks these loops of a module `DontUnroll`.
+    fn ask(self, words: &mut [u32]) {
+        let controls: &[u32] = match self {
+            Self::Free => &[],
+            Self::Unmarked => &[0],
+            Self::Every => &[0, UNROLL],
+        };
+        let merges = instructions(words).filter(|i| i.operation == OP_LOOP_MERGE);
+        for at in merges.map(|i| i.at + 3).collect::<Vec<_>>() {
+            if words.get(at).is_some_and(|control| controls.contains(control)) {
+                words[at] = DONT_UNROLL;
+            }
+        }
+    }
 }
 
 impl Modules {
@@ -40,6 +87,7 @@ impl Modules {
             }
             None => words(shader.spirv),
         };
+        self.loops.ask(&mut words);
         if self.keep_nan {
             let capability = [OP_CAPABILITY | 2 << 16, SIGNED_ZERO_INF_NAN_PRESERVE_CAPABILITY];
             declare(&mut words, &capability, &[SIGNED_ZERO_INF_NAN_PRESERVE, 32]);
@@ -65,20 +113,32 @@ fn extension(name: &[u8]) -> Vec<u32> {
 
 /// Adds a capability or an extension, and an execution mode of the module's only entry point.
 fn declare(words: &mut Vec<u32>, needed: &[u32], mode: &[u32]) {
-    let (mut at, mut after_capabilities) = (HEADER, HEADER);
-    while let Some(word) = words.get(at) {
-        let (length, operation) = ((word >> 16) as usize, word & 0xffff);
-        if operation == OP_CAPABILITY {
-            after_capabilities = at + length;
-        }
-        if operation == OP_ENTRY_POINT {
-            let head = [OP_EXECUTION_MODE | (2 + mode.len() as u32) << 16, words[at + 2]];
-            words.splice(at + length..at + length, head.iter().chain(mode).copied());
-            words.splice(after_capabilities..after_capabilities, needed.iter().copied());
-            return;
-        }
-        at += length.max(1);
-    }
+    let Some(entry) = instructions(words).find(|i| i.operation == OP_ENTRY_POINT) else { return };
+    let after_capabilities =
+        instructions(words).take_while(|i| i.operation == OP_CAPABILITY).last().map_or(HEADER, |i| i.at + i.length);
+    let head = [OP_EXECUTION_MODE | (2 + mode.len() as u32) << 16, words[entry.at + 2]];
+    words.splice(entry.at + entry.length..entry.at + entry.length, head.iter().chain(mode).copied());
+    words.splice(after_capabilities..after_capabilities, needed.iter().copied());
+}
+
+/// An instruction of a module.
+struct Instruction {
+    /// Its first word.
+    at: usize,
+    /// Words.
+    length: usize,
+    operation: u32,
+}
+
+/// The instructions of a module.
+fn instructions(words: &[u32]) -> impl Iterator<Item = Instruction> {
+    let mut at = HEADER;
+    std::iter::from_fn(move || {
+        let word = words.get(at)?;
+        let found = Instruction { at, length: (word >> 16).max(1) as usize, operation: word & 0xffff };
+        at += found.length;
+        Some(found)
+    })
 }
 
 #[cfg(test)]
@@ -101,5 +161,22 @@ mod tests {
         let modes = [OP_EXECUTION_MODE | 3 << 16, 4, 4421, OP_EXECUTION_MODE | 4 << 16, 4, 4461, 32];
         let (first, memory) = shader.split_at(2);
         assert_eq!(words, [&header[..], first, &capability, &named, memory, &entry, &modes, &rest].concat());
+    }
+
+    #[test]
+    fn loops_stay_loops_on_cpus_alone() {
+        let of = |loops: Loops| {
+            let merge = |control| [OP_LOOP_MERGE | 4 << 16, 8, 9, control];
+            let mut words =
+                [&[0x0723_0203, 0x0001_0500, 0, 9, 0][..], &merge(0), &merge(UNROLL), &merge(DONT_UNROLL)].concat();
+            loops.ask(&mut words);
+            [words[8], words[12], words[16]]
+        };
+        assert_eq!(of(Loops::Free), [0, UNROLL, DONT_UNROLL]);
+        assert_eq!(of(Loops::Unmarked), [DONT_UNROLL, UNROLL, DONT_UNROLL]);
+        assert_eq!(of(Loops::Every), [DONT_UNROLL; 3]);
+        assert_eq!(Loops::of(DeviceKind::Discrete, DeviceClass::Cpu), Loops::Free);
+        assert_eq!(Loops::of(DeviceKind::Cpu, DeviceClass::Cpu), Loops::Unmarked);
+        assert_eq!(Loops::of(DeviceKind::Cpu, DeviceClass::Nvidia), Loops::Every);
     }
 }

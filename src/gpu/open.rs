@@ -27,7 +27,7 @@ impl Device {
         let stored = if choice.is_none() { store::read(&candidate.info) } else { None };
         let choice = choice.unwrap_or_default();
         let tuning = stored.map_or_else(|| choice.on(&candidate.info), Ok)?;
-        let device = Self::of(Context::new(instance, candidate, options)?, tuning);
+        let device = Self::of(Context::new(instance, candidate, tuning.class, options)?, tuning);
         if options.compile_only {
             return Ok(device);
         }

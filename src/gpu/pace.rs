@@ -18,7 +18,7 @@ pub(super) struct Work {
     pub groups: u64,
 }
 
-/// What is known of a kernel.
+/// The measured times of a kernel.
 #[derive(Default)]
 struct Measured {
     /// Seconds of its next dispatch.

@@ -9,7 +9,7 @@ use super::pair_capacity;
 use super::prune::{PruneRequest, prune};
 use super::setup::Setup;
 use super::start::{Start, initialise};
-use crate::edit::MANY_FLOATERS;
+use crate::edit::are_many_floaters;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::config::{ResponseSource, RunConfig};
@@ -311,7 +311,7 @@ impl<'a> ActiveRun<'a> {
             model.compact(&found.iter().map(Option::is_none).collect::<Vec<_>>());
             let (counts, removed) = (FloaterCounts::of(&found), found.iter().flatten().count());
             watcher.note(&format!("{} removed: {counts}", counted(removed, "floater")));
-            if removed as f64 > MANY_FLOATERS * found.len() as f64 {
+            if are_many_floaters(removed, found.len()) {
                 watcher.note("that is far more than usual, and may cost quality: train longer, or leave out --clean");
             }
             floaters = Some((counts, Resident::upload(session.device, &model)?));

@@ -125,6 +125,8 @@ impl Sort {
         let Digit { shift, width } = digit;
         let Shape { workgroup, rows, serial, few_blocks, staged, .. } = self.shape;
         let blocks = count.groups(self.shape.block());
+        // Serial kernels get rows and bits as push constants; for the others they are constants, so that loops can be unrolled.
+        let (constant_rows, constant_bits) = if serial { (1, DIGIT_BITS) } else { (rows, width) };
         let by_digit = Groups::Count((1_u32 << width).div_ceil(self.shape.units()));
         let phases = [(COUNT_DIGITS, blocks), (SCAN_DIGITS, by_digit), (SCATTER, blocks)];
         for (phase, groups) in phases.into_iter().filter(|(phase, _)| *phase != SCAN_DIGITS || !few_blocks) {
@@ -139,8 +141,16 @@ impl Sort {
                 digits: &self.digits,
                 keys_out: written(&to.keys),
                 values_out: written(&to.values),
-                push: SortPush { shift },
-                spec: SortSpec { workgroup, phase, rows, digit_bits: width, serial, few_blocks, staged },
+                push: SortPush { shift, serial_rows: rows, serial_bits: width },
+                spec: SortSpec {
+                    workgroup,
+                    phase,
+                    rows: constant_rows,
+                    digit_bits: constant_bits,
+                    serial,
+                    few_blocks,
+                    staged,
+                },
             };
             recording.dispatch(&kernel, groups);
         }

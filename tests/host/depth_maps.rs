@@ -99,6 +99,37 @@ fn maps_get_the_scale_of_the_points_and_lie_where_photos_show_them() {
     }
 }
 
+/// Of many points without tracks some are taken; where few of these lie in a map, all. Tracks say which points a photo sees.
+#[test]
+fn many_points_without_tracks_tell_the_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir_all(folder.path().join("depth")).unwrap();
+    wall(folder.path(), true, 0.0);
+    npy(&folder.path().join("depth/a.npy"), |_, _| 2.0);
+    let mut scene = open(folder.path());
+    let seen = std::mem::take(&mut scene.points);
+    let at = |depth: f64| {
+        let mut points = seen.clone();
+        for point in &mut points {
+            (point.position.z, point.track) = (depth, Vec::new());
+        }
+        points
+    };
+    let many = |depth: f64, times: usize| at(depth).into_iter().cycle().take(times * seen.len()).collect::<Vec<_>>();
+    for (what, points) in [
+        ("few are on the wall", [at(4.0), many(-9.0, 10_000)].concat()),
+        ("many are on the wall", [many(4.0, 3000), many(3.0, 1000)].concat()),
+        ("tracks say what is seen", [many(3.0, 10_000), seen.clone()].concat()),
+    ] {
+        scene.points = points;
+        // There is no such view.
+        scene.points.last_mut().unwrap().track.push(77);
+        let maps = depth_maps::of_views(&scene, &[0, 1, 2], Resize::Full);
+        assert_eq!((maps.evidence.maps, maps.evidence.by), (1, DepthWitness::Points), "{what}");
+        assert!(maps.notes[0].contains("scales 2.000 to 2.000"), "{what}: {:?}", maps.notes);
+    }
+}
+
 #[test]
 fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
     let folder = tempfile::tempdir().unwrap();

@@ -8,7 +8,7 @@ use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style::Rendering;
 use super::{Global, check_file, check_model, values};
-use crate::edit::{Edit, Editor, MANY_FLOATERS, Step, common_origin, merge, numbers, rounding};
+use crate::edit::{Edit, Editor, Step, common_origin, floater_warning, merge, numbers, rounding};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, RenderMode};
 use crate::job::output::bytes_on_disk;
@@ -197,12 +197,8 @@ impl Arguments {
         };
         let counts = FloaterCounts::of(&found);
         let removed = found.iter().flatten().count();
-        if removed as f64 > MANY_FLOATERS * found.len() as f64 && self.scene.is_some() {
-            console.warn(format_args!(
-                "{removed} of {} are floaters by these photos, far more than usual: does the model lie where the photos were taken, and \
-                 was it trained on pictures of this size (--resolution)?",
-                counted(found.len(), "Gaussian")
-            ));
+        if let Some(warning) = floater_warning(removed, found.len()).filter(|_| self.scene.is_some()) {
+            console.warn(warning);
         }
         let why = if self.scene.is_some() { counts.to_string() } else { counts.without_photos() };
         Ok(editor.remove(&found, &asked.name, &why))

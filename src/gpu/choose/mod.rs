@@ -80,7 +80,7 @@ fn position(all: &[(&DeviceInfo, usize)], wish: &Wish) -> Option<usize> {
     }
 }
 
-/// What makes a device better than another; the smaller, the better.
+/// The rank of a device: the smaller, the better.
 fn rank(device: &DeviceInfo) -> (bool, DeviceKind, bool) {
     (device.missing.is_some(), device.kind, device.has(Feature::Direct3D))
 }

@@ -1,4 +1,4 @@
-//! What a user should know of a compression besides its figures.
+//! Remarks on a compression, which say what its figures mean for the user.
 
 use super::fit::megabytes;
 use crate::job::records::{Aim, CompressRecord};

@@ -1,5 +1,7 @@
 //! What the numbers of a depth map measure, by the points that it shows; and whether maps agree with each other.
 
+use std::collections::HashMap;
+
 use glam::{DMat3, DVec3};
 
 use super::read::Map;
@@ -127,25 +129,38 @@ fn line(samples: &[Sample]) -> Option<([f64; 2], f64)> {
     (slope > 0.0 && slope.is_finite()).then_some(([slope, offset], off))
 }
 
-/// What the numbers of a view's map measure, by the points that the photo sees.
-pub(super) fn fit<'a>(view: &View, mut map: Map, seen: impl Iterator<Item = &'a Point>) -> Fitted {
-    let by_meaning = [Meaning::Depths, Meaning::Rays].map(|meaning| Source::new(view, &map, meaning));
-    let [depths, rays] = &by_meaning;
-    let mut samples = [Vec::new(), Vec::new()];
-    for point in seen {
-        let p = depths.back * (view.camera.rotation * point.position + view.camera.translation);
-        if let Some(number) = Some(p).filter(|p| depths.depth(*p) > 0.0).and_then(|p| depths.look(&map, p)) {
-            samples[0].push(Sample { number, depth: depths.depth(p) });
-            samples[1].push(Sample { number, depth: rays.depth(p) });
+/// Points in a view's map, if the map measures depths, and lengths along rays.
+pub(super) struct Samples([Vec<Sample>; 2]);
+
+impl Samples {
+    /// Those of the points that lie in the map.
+    pub fn of<'a>(view: &View, map: &Map, points: impl Iterator<Item = &'a Point>) -> Self {
+        let [depths, rays] = [Meaning::Depths, Meaning::Rays].map(|meaning| Source::new(view, map, meaning));
+        let mut samples = [Vec::new(), Vec::new()];
+        for point in points {
+            let p = depths.back * (view.camera.rotation * point.position + view.camera.translation);
+            if let Some(number) = Some(p).filter(|p| depths.depth(*p) > 0.0).and_then(|p| depths.look(map, p)) {
+                samples[0].push(Sample { number, depth: depths.depth(p) });
+                samples[1].push(Sample { number, depth: rays.depth(p) });
+            }
         }
+        Self(samples)
     }
-    let [by_depth, by_ray] = &samples;
+
+    /// Their number.
+    pub fn len(&self) -> usize {
+        self.0[0].len()
+    }
+}
+
+/// What the numbers of a map measure, by the points in it.
+pub(super) fn fit(mut map: Map, samples: &Samples) -> Fitted {
+    let Samples([by_depth, by_ray]) = samples;
     if by_depth.len() < FEWEST {
         return Fitted { map, meaning: Meaning::Depths, scale: Scale::Unknown };
     }
     let (mut factor, mut off) = scale(by_depth);
-    let telling = by_depth.len() >= TELLING;
-    let (mut meaning, most) = (Meaning::Depths, if telling { CLEARLY * off } else { 0.0 });
+    let (mut meaning, most) = (Meaning::Depths, if samples.len() >= TELLING { CLEARLY * off } else { 0.0 });
     let (by_rays, off_rays) = scale(by_ray);
     if off_rays < most {
         (meaning, factor, off) = (Meaning::Rays, by_rays, off_rays);
@@ -170,6 +185,8 @@ pub(super) fn fit<'a>(view: &View, mut map: Map, seen: impl Iterator<Item = &'a 
 pub(super) fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Point]) -> Option<f64> {
     let name = |view: usize| scene.views[view].photo_name();
     let photos: Vec<&[(usize, DepthMap)]> = maps.chunk_by(|a, b| name(a.0) == name(b.0)).collect();
+    let places: HashMap<&str, usize> =
+        photos.iter().enumerate().rev().map(|(at, photo)| (name(photo[0].0), at)).collect();
     let seen = |point: &Point, photo: &[(usize, DepthMap)]| {
         photo.iter().find_map(|(v, map)| {
             let camera = scene.views[*v].camera.resized(map.width, map.height);
@@ -177,14 +194,11 @@ pub(super) fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Poi
             Some(camera.depth(point.position) / map.at(x, y)?)
         })
     };
-    let own = |point: &Point| point.track.first().map(|v| *v as usize);
-    let of_photos: Vec<&[Point]> = points
-        .chunk_by(|a, b| own(a).map(name) == own(b).map(name))
-        .filter(|points| own(&points[0]).is_some())
-        .collect();
+    // The track of a point in a map is the view that sees it.
+    let own = |point: &Point| point.track.first().map(|v| name(*v as usize));
     let (mut next, mut further) = (Vec::new(), Vec::new());
-    for points in of_photos {
-        let at = photos.iter().position(|photo| own(&points[0]).is_some_and(|v| name(photo[0].0) == name(v)));
+    for points in points.chunk_by(|a, b| own(a) == own(b)) {
+        let at = own(&points[0]).and_then(|name| places.get(name).copied());
         for (step, photo) in STEPS.iter().filter_map(|step| Some((*step, photos.get(at? + step)?))) {
             let mut ratios: Vec<f64> = points.iter().filter_map(|point| seen(point, photo)).collect();
             if step == 1 {

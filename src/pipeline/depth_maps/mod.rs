@@ -13,13 +13,16 @@ use crate::effects::{DepthEvidence, DepthWitness};
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, DepthMap, Names, Photo, Point, Resize, Scene, View, median};
 use crate::wording::counted;
-use fit::{APART, Fitted, Meaning, Scale, Source, agreement, fit};
+use fit::{APART, Fitted, Meaning, Samples, Scale, Source, agreement, fit};
 use read::Map;
 
 /// Most points of all maps together: one for so many pixels trained on, within these bounds. Growth needs room to put
 /// Gaussians where they are needed.
 const PIXELS_BY_POINT: u64 = 32;
 const POINTS: (usize, usize) = (5_000, 100_000);
+/// Most of a scene's points, evenly taken, that are looked up in each map where no track says which points a photo sees; and the number
+/// of them in the map below which all points are looked up.
+const WITNESSES: (usize, usize) = (32_768, 256);
 /// Maximum number of pixels of a map: it shows shapes, not texture.
 const MOST_PIXELS: f64 = 65_536.0;
 
@@ -98,10 +101,10 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     if with.is_empty() {
         return DepthMaps::default();
     }
-    let tracked = scene.points.iter().any(|point| !point.track.is_empty());
+    let tracks = Tracks::of(scene);
     let same = |a: &usize, b: &usize| scene.views[*a].depth == scene.views[*b].depth;
     let photos: Vec<&[usize]> = with.chunk_by(same).collect();
-    let found: Vec<Found> = photos.par_iter().map(|views| find(scene, views, tracked)).collect();
+    let found: Vec<Found> = photos.par_iter().map(|views| find(scene, views, tracks.as_ref())).collect();
     let known = Known::of(&found);
     let shown = |f: &Found| -> Vec<(usize, DepthMap)> {
         let used = f.map.as_ref().ok().and_then(|fitted| Some((&fitted.map, known.use_of(fitted)?)));
@@ -183,15 +186,61 @@ fn notes(scene: &Scene, found: &[Found], known: &Known, (usable, points, unseen)
     notes
 }
 
+/// The points that each view sees.
+struct Tracks {
+    /// Where the points of each view begin, and the end of the last.
+    starts: Vec<usize>,
+    /// Their numbers in the scene.
+    points: Vec<u32>,
+}
+
+impl Tracks {
+    /// None if no track names a view of the scene.
+    fn of(scene: &Scene) -> Option<Self> {
+        let entries = || {
+            let points = scene.points.iter().zip(0_u32..);
+            let seen = points.flat_map(|(point, number)| point.track.iter().map(move |view| (*view as usize, number)));
+            seen.filter(|(view, _)| *view < scene.views.len())
+        };
+        let mut starts = vec![0; scene.views.len() + 1];
+        entries().for_each(|(view, _)| starts[view + 1] += 1);
+        (1..starts.len()).for_each(|view| starts[view] += starts[view - 1]);
+        let mut points = vec![0; *starts.last()?];
+        let mut next = starts.clone();
+        for (view, number) in entries() {
+            points[next[view]] = number;
+            next[view] += 1;
+        }
+        (!points.is_empty()).then_some(Self { starts, points })
+    }
+
+    /// The numbers of the points that one of these views sees, ascending.
+    fn seen(&self, views: &[usize]) -> Vec<u32> {
+        let mut seen: Vec<u32> =
+            views.iter().flat_map(|v| &self.points[self.starts[*v]..self.starts[v + 1]]).copied().collect();
+        seen.sort_unstable();
+        seen.dedup();
+        seen
+    }
+}
+
 /// The map of the photo that these views show, and what its numbers are.
-fn find(scene: &Scene, views: &[usize], tracked: bool) -> Found {
+fn find(scene: &Scene, views: &[usize], tracks: Option<&Tracks>) -> Found {
     let view = &scene.views[views[0]];
-    let sees = |v: &usize, point: &Point| point.track.binary_search(&(*v as u32)).is_ok();
-    let seen = scene.points.iter().filter(|point| !tracked || views.iter().any(|v| sees(v, point)));
+    let samples = |map: &Map| {
+        if let Some(tracks) = tracks {
+            let seen = tracks.seen(views);
+            return Samples::of(view, map, seen.iter().map(|number| &scene.points[*number as usize]));
+        }
+        let step = scene.points.len().div_ceil(WITNESSES.0).max(1);
+        let some = Samples::of(view, map, scene.points.iter().step_by(step));
+        if step == 1 || some.len() >= WITNESSES.1 { some } else { Samples::of(view, map, scene.points.iter()) }
+    };
     let map = view.depth.as_deref().ok_or_else(String::new).and_then(|path| read::read(path, view.depth_step));
     let map = map.and_then(|map| {
         if view.lens.fits(map.width, map.height) {
-            Ok(fit(view, map, seen))
+            let samples = samples(&map);
+            Ok(fit(map, &samples))
         } else {
             Err(format!("is {} x {}, another shape than its photo", map.width, map.height))
         }

@@ -42,7 +42,7 @@ impl Distortion {
                 p1 * xy + p2 * (r2 + 2.0 * w.x * w.x) + s1 * r2,
                 p2 * xy + p1 * (r2 + 2.0 * w.y * w.y) + s2 * r2,
             );
-        if self.after == [0.0; 6] { moved } else { moved + self.bend_again(moved) }
+        if matches!(self.after, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]) { moved } else { moved + self.bend_again(moved) }
     }
 
     /// The terms of the point that the radial ones have moved.

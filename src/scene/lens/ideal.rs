@@ -82,20 +82,25 @@ impl Lens {
     }
 
     /// True if every pixel centre of `pinhole`'s image (a grid of them, border included) has its source in the photo,
-    /// on the unfolded branch.
+    /// on the unfolded branch: a fold between the axis and a point lies on the way to one of the border, too.
     fn covers(&self, pinhole: &Pinhole) -> bool {
         let size = DVec2::new(f64::from(self.width), f64::from(self.height));
         let slack = 1e-6 * size.max_element();
-        (0..=EDGE_SAMPLES).all(|j| {
-            (0..=EDGE_SAMPLES).all(|i| {
-                let share = DVec2::new(f64::from(i), f64::from(j)) / f64::from(EDGE_SAMPLES);
-                let pixel = 0.5 + share * (size - 1.0);
-                let point = (pixel - pinhole.principal) / pinhole.focal;
-                let source = self.project(point);
-                let inside = source.cmpge(DVec2::splat(0.5 - slack)).all() && source.cmple(size - 0.5 + slack).all();
-                let bent = self.distortion.curved(point);
-                inside && self.distortion.is_unfolded(bent)
-            })
-        })
+        let point = |i: u32, j: u32| {
+            let share = DVec2::new(f64::from(i), f64::from(j)) / f64::from(EDGE_SAMPLES);
+            (0.5 + share * (size - 1.0) - pinhole.principal) / pinhole.focal
+        };
+        let is_inside = |point: DVec2| {
+            let source = self.project(point);
+            source.cmpge(DVec2::splat(0.5 - slack)).all() && source.cmple(size - 0.5 + slack).all()
+        };
+        let on_border = (0..=EDGE_SAMPLES).flat_map(|k| [(k, 0), (k, EDGE_SAMPLES), (0, k), (EDGE_SAMPLES, k)]);
+        on_border
+            .map(|(i, j)| point(i, j))
+            .all(|p| is_inside(p) && self.distortion.is_unfolded(self.distortion.curved(p)))
+            && (1..EDGE_SAMPLES)
+                .flat_map(|j| (1..EDGE_SAMPLES).map(move |i| (i, j)))
+                .map(|(i, j)| point(i, j))
+                .all(|p| is_inside(p) && self.distortion.jacobian(self.distortion.curved(p)).determinant() > 0.0)
     }
 }

@@ -1,10 +1,11 @@
 //! Depth maps of photos, in a folder of their own.
 
 use crate::extension::has_extension;
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use super::files::{Folders, appended, inside};
-use super::names::{belongs_to, has_owner, key, last};
+use super::names::{belongs_to, key, last, number};
 use crate::wording::counted;
 
 /// Extensions of depth maps; `render --depth` writes the first.
@@ -14,8 +15,9 @@ const EXTENSIONS: [&str; 7] = ["depth.npy", "npy", "depth.png", "png", "exr", "t
 pub(super) struct DepthMaps {
     folder: PathBuf,
     folders: Folders,
-    /// The files in it that say whose they are, with the keys of the photos that may be meant.
-    owned: Vec<(Vec<String>, PathBuf)>,
+    /// The files in it that say whose they are, by the keys of the photos that may be meant, and by the numbers that such a key is.
+    owned: HashMap<String, BTreeSet<PathBuf>>,
+    numbered: HashMap<String, BTreeSet<PathBuf>>,
     /// All its files.
     files: Vec<PathBuf>,
 }
@@ -23,14 +25,19 @@ pub(super) struct DepthMaps {
 impl DepthMaps {
     pub fn of(folder: &Path) -> Self {
         let files: Vec<PathBuf> = inside(folder).into_iter().filter(|path| path.is_file()).collect();
-        let is_map = |path: &&PathBuf| has_extension(path, &EXTENSIONS);
-        let owners = |path: &PathBuf| {
+        let (mut owned, mut numbered) = (HashMap::<_, BTreeSet<_>>::new(), HashMap::<_, BTreeSet<_>>::new());
+        for path in files.iter().filter(|path| has_extension(path, &EXTENSIONS)) {
             // All are files of numbers without loss, as PNG is.
-            let name = path.with_extension("png").file_name()?.to_string_lossy().into_owned();
-            Some((belongs_to(&name, true), path.clone())).filter(|(owners, _)| !owners.is_empty())
-        };
-        let owned = files.iter().filter(is_map).filter_map(owners).collect();
-        Self { folder: folder.to_owned(), folders: Folders::default(), owned, files }
+            let name = path.with_extension("png").file_name().unwrap_or_default().to_string_lossy().into_owned();
+            for owner in belongs_to(&name, true) {
+                let own = last(&owner);
+                if !own.is_empty() && number(own) == own {
+                    numbered.entry(own.to_owned()).or_default().insert(path.clone());
+                }
+                owned.entry(owner).or_default().insert(path.clone());
+            }
+        }
+        Self { folder: folder.to_owned(), folders: Folders::default(), owned, numbered, files }
     }
 
     /// The map of a photo: with its name, or that of its file alone, and an extension of depth maps in place of its own or
@@ -43,9 +50,10 @@ impl DepthMaps {
         let candidates: Vec<PathBuf> = candidates.chain(bases.iter().cloned()).collect();
         let named = candidates.iter().find(|path| path.is_file()).cloned();
         named.or_else(|| candidates.iter().find_map(|path| self.folders.same(path))).or_else(|| {
-            let photo = [key(last(name))];
-            let mut owned = self.owned.iter().filter(|(owners, _)| has_owner(owners, &photo));
-            owned.next().filter(|_| owned.next().is_none()).map(|(_, path)| path.clone())
+            let photo = key(last(name));
+            let owned = [self.owned.get(&photo), self.numbered.get(number(&photo))];
+            let owned: BTreeSet<&PathBuf> = owned.into_iter().flatten().flatten().collect();
+            owned.first().filter(|_| owned.len() == 1).map(|path| (*path).clone())
         })
     }
 

@@ -124,18 +124,30 @@ pub(super) fn belongs_to(path: &str, maps: bool) -> Vec<String> {
     Vec::new()
 }
 
-/// True if one of `photos`, keys in one folder, is the owner of a file: by its whole name, or by the same number at its
-/// end (frame_00001 and depth_00001).
-pub(super) fn has_owner(owners: &[String], photos: &[String]) -> bool {
-    let number = |name: &str| {
-        let digits = name.len() - name.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-        name[name.len() - digits..].to_owned()
-    };
-    owners.iter().any(|owner| {
-        let own = last(owner);
-        let counts = !own.is_empty() && own.bytes().all(|b| b.is_ascii_digit());
-        photos.iter().any(|photo| photo == owner || (counts && number(photo) == own))
-    })
+/// The digits at the end of a key.
+pub(super) fn number(key: &str) -> &str {
+    &key[key.trim_end_matches(|c: char| c.is_ascii_digit()).len()..]
+}
+
+/// The photos of one folder, by what names their files.
+pub(super) struct Named {
+    keys: HashSet<String>,
+    /// Digits at the ends of their keys.
+    numbers: HashSet<String>,
+}
+
+impl Named {
+    /// The photos with these keys.
+    pub fn of(keys: HashSet<String>) -> Self {
+        let numbers = keys.iter().map(|key| number(key).to_owned()).filter(|number| !number.is_empty()).collect();
+        Self { keys, numbers }
+    }
+
+    /// True if one of them is the owner of a file: by its whole name, or by the same number at its end (frame_00001 and
+    /// depth_00001).
+    pub fn has_owner(&self, owners: &[String]) -> bool {
+        owners.iter().any(|owner| self.keys.contains(owner) || self.numbers.contains(last(owner)))
+    }
 }
 
 /// True if these files and folders make their folder a scene with poses, or a result.
@@ -174,8 +186,9 @@ mod tests {
         assert!(owners("x_mask.jpg").contains(&"x".to_owned()));
         assert!(owners("mask_x.png").contains(&"x".to_owned()));
         assert!(owners("r_0_depth_0001.png").contains(&"r_0".to_owned()));
-        assert!(has_owner(&owners("depth_00012.png"), &["frame_00012".to_owned()]));
-        assert!(!has_owner(&owners("depth_00012.png"), &["frame_00013".to_owned()]));
+        let photos = Named::of(["frame_00012".to_owned(), "x".to_owned()].into());
+        assert!(photos.has_owner(&owners("depth_00012.png")) && photos.has_owner(&owners("x_depth.png")));
+        assert!(!photos.has_owner(&owners("depth_00013.png")) && !photos.has_owner(&owners("x00012_depth.png")));
         for photo in ["depth_1.jpg", "mask.png", "masked_x.png", "alpha_01.jpg"] {
             assert!(owners(photo).is_empty(), "{photo}");
         }

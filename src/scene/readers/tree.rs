@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::files::photo_size;
 use super::kinds::{is_photo_name, unread_format};
-use super::names::{belongs_to, has_owner, is_scene, key, last};
+use super::names::{Named, belongs_to, is_scene, key, last};
 use crate::scene::Names;
 use crate::wording::counted;
 
@@ -102,9 +102,9 @@ impl PhotoTree {
     fn add(&mut self, files: Vec<String>) {
         let owners: Vec<Vec<String>> = files.iter().map(|file| belongs_to(file, true)).collect();
         let own = files.iter().zip(&owners).filter(|(_, owners)| owners.is_empty());
-        let photos: Vec<String> = own.map(|(file, _)| key(file)).collect();
+        let photos = Named::of(own.map(|(file, _)| key(file)).collect());
         for (file, owners) in files.into_iter().zip(owners) {
-            let to = if has_owner(&owners, &photos) { &mut self.aside } else { &mut self.names };
+            let to = if photos.has_owner(&owners) { &mut self.aside } else { &mut self.names };
             to.push(file);
         }
     }

@@ -165,6 +165,12 @@ fn depth_maps_may_say_whose_they_are() {
     let scene = with("one");
     assert_eq!(scene.views.iter().map(|view| view.depth.is_some()).collect::<Vec<_>>(), [true, true, false]);
     assert_eq!(scene.skipped.missing_depths.examples, ["c.png"]);
+    // None of two is chosen.
+    write(
+        &capture.path().join("both"),
+        [("a_depth.npy", b"x".to_vec()), ("depth_a.npy", b"x".to_vec()), ("depth_b.npy", b"x".to_vec())],
+    );
+    assert_eq!(with("both").skipped.missing_depths.examples, ["a.png", "c.png"]);
     write(&capture.path().join("two"), [("other.npy", b"x".to_vec())]);
     let scene = with("two");
     assert_eq!(scene.skipped.missing_depths.count, 0);

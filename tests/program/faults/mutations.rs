@@ -28,7 +28,7 @@ const DEATHS: usize = 20;
 
 #[test]
 fn a_few_mutations_of_every_format() {
-    parent(0..1500);
+    parent(0..600);
 }
 
 /// `make faults`. `QIRF_FAULTS_CASES` sets another number of cases.
