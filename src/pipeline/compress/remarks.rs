@@ -15,9 +15,9 @@ const PACKED: f64 = 3.0;
 /// A line for the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Remark {
-    /// What is good to know.
+    /// A note for the user.
     Note(String),
-    /// What may not be what was wanted.
+    /// A warning that the file may not be what the user wanted.
     Warning(String),
 }
 

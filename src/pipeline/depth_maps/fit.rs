@@ -1,4 +1,4 @@
-//! What the numbers of a depth map measure, by the points that it shows; and whether maps agree with each other.
+//! Finds what a depth map's numbers measure from the points in it, and whether maps agree with each other.
 
 use std::collections::HashMap;
 
@@ -24,7 +24,7 @@ const STEPS: [usize; 6] = [1, 2, 4, 8, 16, 32];
 /// Median deviation from their ratio up to which two maps show the same surface.
 const SAME_SURFACE: f64 = 0.05;
 
-/// What a map's numbers measure.
+/// The quantity that a map's numbers measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Meaning {
     /// Depths along the camera's axis; along rays for photos that are cut into faces.
@@ -153,7 +153,7 @@ impl Samples {
     }
 }
 
-/// What the numbers of a map measure, by the points in it.
+/// Finds what a map's numbers measure from the points in it.
 pub(super) fn fit(mut map: Map, samples: &Samples) -> Fitted {
     let Samples([by_depth, by_ray]) = samples;
     if by_depth.len() < FEWEST {

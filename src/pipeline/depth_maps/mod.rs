@@ -39,9 +39,9 @@ pub struct DepthMaps {
     pub notes: Vec<String>,
 }
 
-/// What the maps with enough points tell of the others.
+/// Evidence about all maps from those with enough points.
 struct Known {
-    /// Of the maps that measure what most do, in steps or units of their own: the factors to depths, in order.
+    /// Factors to depths, ascending, of the maps that measure what most do; maps may have steps or units of their own.
     scales: Vec<f64>,
     /// Median over the maps of the points' median deviation from each; none if too few points lie in every map.
     deviation: Option<f64>,

@@ -15,9 +15,8 @@ const EXTENSIONS: [&str; 7] = ["depth.npy", "npy", "depth.png", "png", "exr", "t
 pub(super) struct DepthMaps {
     folder: PathBuf,
     folders: Folders,
-    /// The files in it that say whose they are, by the keys of the photos that may be meant, and by the numbers that such a key is.
+    /// The files in it that say whose they are, by the keys of the photos that may be meant, or by their numbers.
     owned: HashMap<String, BTreeSet<PathBuf>>,
-    numbered: HashMap<String, BTreeSet<PathBuf>>,
     /// All its files.
     files: Vec<PathBuf>,
 }
@@ -25,19 +24,15 @@ pub(super) struct DepthMaps {
 impl DepthMaps {
     pub fn of(folder: &Path) -> Self {
         let files: Vec<PathBuf> = inside(folder).into_iter().filter(|path| path.is_file()).collect();
-        let (mut owned, mut numbered) = (HashMap::<_, BTreeSet<_>>::new(), HashMap::<_, BTreeSet<_>>::new());
+        let mut owned = HashMap::<_, BTreeSet<_>>::new();
         for path in files.iter().filter(|path| has_extension(path, &EXTENSIONS)) {
             // All are files of numbers without loss, as PNG is.
             let name = path.with_extension("png").file_name().unwrap_or_default().to_string_lossy().into_owned();
             for owner in belongs_to(&name, true) {
-                let own = last(&owner);
-                if !own.is_empty() && number(own) == own {
-                    numbered.entry(own.to_owned()).or_default().insert(path.clone());
-                }
                 owned.entry(owner).or_default().insert(path.clone());
             }
         }
-        Self { folder: folder.to_owned(), folders: Folders::default(), owned, numbered, files }
+        Self { folder: folder.to_owned(), folders: Folders::default(), owned, files }
     }
 
     /// The map of a photo: with its name, or that of its file alone, and an extension of depth maps in place of its own or
@@ -51,8 +46,8 @@ impl DepthMaps {
         let named = candidates.iter().find(|path| path.is_file()).cloned();
         named.or_else(|| candidates.iter().find_map(|path| self.folders.same(path))).or_else(|| {
             let photo = key(last(name));
-            let owned = [self.owned.get(&photo), self.numbered.get(number(&photo))];
-            let owned: BTreeSet<&PathBuf> = owned.into_iter().flatten().flatten().collect();
+            let names = [photo.as_str(), number(&photo)].into_iter().filter(|name| !name.is_empty());
+            let owned: BTreeSet<&PathBuf> = names.filter_map(|name| self.owned.get(name)).flatten().collect();
             owned.first().filter(|_| owned.len() == 1).map(|path| (*path).clone())
         })
     }
