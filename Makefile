@@ -68,12 +68,14 @@ effects: ## measure what each effect is worth: the table of docs/effects.md (hal
 	cargo test --locked --test program -- --ignored --nocapture effects::table | grep '^|'
 
 # Needs `cargo install cargo-fuzz`; RUSTC_BOOTSTRAP lets a stable toolchain accept its flags. Readers are safe Rust, so no
-# sanitizer is needed. Targets: tests/fuzz/targets.
-TARGET ?= ply
+# sanitizer is needed. TARGET is the name of an input in tests/support/files/corpus.rs (an unknown one lists them all), or
+# `sizes`: what the device is asked for.
+TARGET ?= little.ply
 SECONDS_OF_FUZZ ?= 60
-fuzz: ## fuzz one reader for a minute; TARGET=name, SECONDS_OF_FUZZ=n
+fuzz: ## fuzz the reader of one input for a minute; TARGET=name, SECONDS_OF_FUZZ=n
 	QIRF_FUZZ_CORPUS="$(CURDIR)/tests/fuzz/corpus" cargo test --locked --test program -- --ignored --exact program::faults::mutations::seeds
-	cd tests/fuzz && RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir . -s none $(TARGET) -- -max_total_time=$(SECONDS_OF_FUZZ) -rss_limit_mb=2048 -timeout=20
+	cd tests/fuzz && QIRF_FUZZ_INPUT="$(TARGET)" RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir . -s none \
+		$(if $(filter sizes,$(TARGET)),sizes,reader "corpus/$(TARGET)") -- -max_total_time=$(SECONDS_OF_FUZZ) -rss_limit_mb=2048 -timeout=20
 
 # Tables of docs/numerics.md. ONLY=primitives/sort runs the mutants of that shader.
 ONLY ?=

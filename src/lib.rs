@@ -70,7 +70,9 @@ pub mod edit;
 pub mod effects;
 mod extension;
 pub mod gaussians;
+mod lock;
 pub mod metrics;
+mod percent;
 mod ply;
 #[cfg(any(feature = "faer", feature = "lapack"))]
 pub mod qirf;

@@ -35,6 +35,11 @@ pub fn counted<N: Copy + Display + PartialEq + From<u8>>(n: N, noun: &str) -> St
     format!("{n} {noun}{ending}")
 }
 
+/// The first `most` characters of a foreign text, escaped, for a message.
+pub(crate) fn shown(text: &str, most: usize) -> String {
+    text.chars().take(most).flat_map(char::escape_debug).collect()
+}
+
 /// `60 MiB`, the unit of `--memory-budget 60M`; with one digit below ten.
 pub fn mebibytes(bytes: u64) -> String {
     let mebi = bytes as f64 / f64::from(1 << 20);
@@ -80,6 +85,11 @@ mod tests {
         assert_eq!(counted(1_usize, "photo"), "1 photo");
         assert_eq!(counted(0_usize, "photo"), "0 photos");
         assert_eq!(counted(21_u32, "held-out view"), "21 held-out views");
+    }
+
+    #[test]
+    fn foreign_texts_are_cut_and_escaped() {
+        assert_eq!((shown("a\n\u{1b}b", 3), shown("a", 3)), ("a\\n\\u{1b}".to_owned(), "a".to_owned()));
     }
 
     #[test]

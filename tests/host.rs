@@ -4,6 +4,7 @@ mod support;
 
 mod host {
     mod architecture;
+    mod damage;
     mod depth_maps;
     mod effects;
     mod figures;

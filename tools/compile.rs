@@ -82,12 +82,21 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 
 /// Paths of the compute shaders below a folder, sorted.
 pub fn shaders(folder: &Path) -> Vec<PathBuf> {
+    files(folder, &["comp"])
+}
+
+/// Paths of the compute shaders and their includes below a folder, sorted.
+pub fn sources(folder: &Path) -> Vec<PathBuf> {
+    files(folder, &["comp", "glsl"])
+}
+
+fn files(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).expect("a folder of shaders is readable").flatten() {
         let path = entry.path();
         if path.is_dir() {
-            found.extend(shaders(&path));
-        } else if path.extension().is_some_and(|e| e == "comp") {
+            found.extend(files(&path, extensions));
+        } else if path.extension().is_some_and(|e| extensions.iter().any(|known| e == *known)) {
             found.push(path);
         }
     }

@@ -8,10 +8,11 @@
 // Its value is a plain literal, so that nothing is evaluated here; anything else is an error that names file and line.
 // The constants of `glsl/lib/adam.glsl` and of `glsl/train/adam.comp` go to `constants::adam`.
 
+use crate::compile::sources;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A literal as the shader has it.
 enum Value {
@@ -69,20 +70,6 @@ fn module(constants: &[Shared]) -> String {
         );
     }
     plain
-}
-
-/// The shaders and their includes below a folder, sorted.
-fn sources(folder: &Path) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    for path in fs::read_dir(folder).expect("a folder of shaders is readable").flatten().map(|entry| entry.path()) {
-        if path.is_dir() {
-            found.extend(sources(&path));
-        } else if path.extension().is_some_and(|e| e == "comp" || e == "glsl") {
-            found.push(path);
-        }
-    }
-    found.sort();
-    found
 }
 
 /// The shared constants of a file; or the number and text of a line that should have been one.

@@ -132,7 +132,7 @@ fn binding(at: usize, b: &Binding, shown: &str) -> String {
 fn shader(module: &Module, name: &str, r: &Reflection, constants: &[&Constant]) -> String {
     let (mut infos, mut ids) = (String::new(), String::new());
     for b in &r.bindings {
-        let _ = write!(infos, "BindingInfo {{ name: \"{}\", access: Access::{} }}, ", b.name, access(b));
+        let _ = write!(infos, "Access::{}, ", access(b));
     }
     for c in constants {
         let _ = write!(ids, "{}, ", c.id);

@@ -23,7 +23,6 @@ const TESTS: &[(&str, &[&str])] = &[
     ("primitives/gather", &["primitives::compact", "guards::a_store"]),
     ("primitives/reduce", &["primitives::reduce"]),
     ("primitives/scan", &["primitives::scan", "primitives::totals"]),
-    ("primitives/segmented_sum", &["primitives::segmented", "primitives::one_segment", "selftest::sum"]),
     ("primitives/sort", &["primitives::sort", "selftest::sort"]),
     ("qirf/", &["device::overlap::", "many_blocks"]),
     ("qirf/participation", &["device::participation::"]),
@@ -73,7 +72,6 @@ const INDICES: &[&str] = &[
     "at",
     "row",
     "tile",
-    "segment",
     "start",
     "along",
     "lane",
@@ -115,7 +113,7 @@ fn run() -> Result<(), Box<dyn Error>> {
     let root = env::current_dir()?;
     let scratch = root.join("target/mutants");
     let _ = fs::remove_dir_all(scratch.join("glsl")); // the cache of compiled kernels stays
-    let sources = sources(Path::new("glsl"))?;
+    let sources = compile::sources(Path::new("glsl"));
     for source in &sources {
         copy(source, &scratch)?;
     }
@@ -178,21 +176,6 @@ fn report(mut runner: Runner, mutants: &[&Mutant], sources: &[PathBuf]) -> Resul
         println!("| {kind} | {all} | {cpu} | {gpu} | {survived} |");
     }
     Ok(())
-}
-
-/// Every shader and include below a folder, sorted.
-fn sources(folder: &Path) -> Result<Vec<PathBuf>, Box<dyn Error>> {
-    let mut found = Vec::new();
-    for entry in fs::read_dir(folder)? {
-        let path = entry?.path();
-        if path.is_dir() {
-            found.extend(sources(&path)?);
-        } else if path.extension().is_some_and(|e| e == "comp" || e == "glsl") {
-            found.push(path);
-        }
-    }
-    found.sort();
-    Ok(found)
 }
 
 fn copy(source: &Path, scratch: &Path) -> Result<(), Box<dyn Error>> {

@@ -13,16 +13,6 @@ use std::time::{Duration, Instant};
 const GAUSSIANS: usize = 10_000;
 const SIZE: [u32; 2] = [144, 256];
 
-/// A picture of one crowd as the target of another: every pixel has an error.
-fn photo(model: &Gaussians, camera: &Camera) -> Photo {
-    let resident = Resident::upload(device(), model).unwrap();
-    let mut renderer = Renderer::new(device(), Settings::default(), model.len(), camera.width, camera.height).unwrap();
-    let image = renderer.render(&resident, camera).unwrap();
-    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0) as u8;
-    let pixels: Vec<u8> = image.pixels.iter().flat_map(|[r, g, b, _]| [byte(*r), byte(*g), byte(*b), 255]).collect();
-    Photo::opaque(camera.clone(), pixels)
-}
-
 /// All effects off, SH of this degree from the first iteration, statistics gathered.
 pub fn options(degree: usize) -> Options {
     Options { schedule: Schedule::still(), degree, most: GAUSSIANS, pairs: 1 << 20, ..Options::default() }
@@ -31,7 +21,9 @@ pub fn options(degree: usize) -> Options {
 /// A model with SH of this degree and a camera, with the photo that it learns there.
 pub fn scene(degree: usize) -> (Gaussians, Camera, Photo) {
     let camera = scenes::camera(SIZE[0], SIZE[1], 0.0);
-    let view = photo(&scenes::crowd(GAUSSIANS, degree, 1.0, 3), &camera);
+    let target = Resident::upload(device(), &scenes::crowd(GAUSSIANS, degree, 1.0, 3)).unwrap();
+    let mut renderer = Renderer::new(device(), Settings::default(), GAUSSIANS, SIZE[0], SIZE[1]).unwrap();
+    let view = scenes::photo(&mut renderer, &target, &camera).unwrap();
     (scenes::crowd(GAUSSIANS, degree, 1.0, 4), camera, view)
 }
 

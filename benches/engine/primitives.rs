@@ -53,10 +53,11 @@ pub fn scan(criterion: &mut Criterion) {
         let source = device.upload("words", &words).unwrap();
         let target = device.buffer("sums", n as usize).unwrap();
         let count = Count::known(device, "n", n, &[Scan::block(device)]).unwrap();
+        let total = Count::new(device, "total", u32::MAX, &[]).unwrap();
         let scan = Scan::new(device, n).unwrap();
         let run = || {
             let mut recording = Recording::new();
-            recording.scope("scan", |r| scan.record(r, &count, (&source).into(), &target, None));
+            recording.scope("scan", |r| scan.record(r, &count, (&source).into(), &target, &total));
             let start = Instant::now();
             time_of(&device.run(recording).unwrap(), "scan", start)
         };

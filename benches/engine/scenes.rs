@@ -2,7 +2,10 @@
 
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::scene::camera::Camera;
+use qirf_vk::gaussians::resident::Resident;
+use qirf_vk::gpu;
+use qirf_vk::render::Renderer;
+use qirf_vk::scene::{Photo, camera::Camera};
 
 /// A counter-based generator: 32 bits of stream `seed` at `i`.
 pub fn noise(seed: u64, i: u64) -> u32 {
@@ -42,4 +45,12 @@ pub fn camera(width: u32, height: u32, turn: f64) -> Camera {
     let (sin, cos) = turn.sin_cos();
     let eye = DVec3::new(0.6 * cos + 4.6 * sin, -0.8, 0.6 * sin - 4.6 * cos);
     Camera::look_at(eye, DVec3::ZERO, DVec3::NEG_Y, 0.9, width, height)
+}
+
+/// A model's picture as a photo: of one crowd as the target of another, every pixel has an error.
+pub fn photo(renderer: &mut Renderer, model: &Resident, camera: &Camera) -> gpu::Result<Photo> {
+    let image = renderer.render(model, camera)?;
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0) as u8;
+    let pixels: Vec<u8> = image.pixels.iter().flat_map(|[r, g, b, _]| [byte(*r), byte(*g), byte(*b), 255]).collect();
+    Ok(Photo::opaque(camera.clone(), pixels))
 }

@@ -13,7 +13,7 @@ use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Gaussians, formats};
 use qirf_vk::gpu::{Device, DeviceKind, DeviceOptions, TuningChoice};
 use qirf_vk::render::{Renderer, Settings};
-use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, Scene, camera::Camera};
+use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, Scene};
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, STAGES, Trainer};
 use serde_json::{Map, Value, json};
@@ -105,19 +105,13 @@ impl Arguments {
         let mut renderer = Renderer::new(device, Settings::default(), target.len(), width, height)?;
         let turn = |view: usize| std::f64::consts::TAU * view as f64 / VIEWS as f64;
         let cameras = (0..VIEWS).map(|view| scenes::camera(width, height, turn(view)));
-        cameras.map(|camera| picture(&mut renderer, &resident, &camera)).collect()
+        let photos = cameras.map(|camera| scenes::photo(&mut renderer, &resident, &camera));
+        Ok(photos.collect::<Result<_, _>>()?)
     }
 }
 
 fn is_cpu(device: &Device) -> bool {
     device.info().kind == DeviceKind::Cpu
-}
-
-fn picture(renderer: &mut Renderer, model: &Resident, camera: &Camera) -> Result<Photo, Box<dyn Error>> {
-    let image = renderer.render(model, camera)?;
-    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0) as u8;
-    let pixels: Vec<u8> = image.pixels.iter().flat_map(|[r, g, b, _]| [byte(*r), byte(*g), byte(*b), 255]).collect();
-    Ok(Photo::opaque(camera.clone(), pixels))
 }
 
 /// Milliseconds of an iteration: by stage, their sum, and by the host's clock.

@@ -1,7 +1,7 @@
 //! Cameras.
 
 use crate::arrays::matrix;
-use crate::errors::{size, some_size, views, whole, wrong};
+use crate::errors::{size, views, whole, wrong};
 use crate::fork::detached;
 use crate::model::Model;
 use engine::gaussians::outline::outline;
@@ -14,7 +14,6 @@ use engine::scene::{
 };
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
@@ -35,21 +34,15 @@ pub struct Camera {
 impl Camera {
     /// From K (3, 3) in pixels, world_to_camera (3, 4) or (4, 4), and the size (width, height).
     #[new]
-    #[pyo3(signature = (K=None, world_to_camera=None, size=None, *, near=None, k=None),
-        text_signature = "(K, world_to_camera, size, *, near=None)")]
+    #[pyo3(signature = (K, world_to_camera, size, *, near=None))]
     #[allow(non_snake_case, reason = "the name in Python")]
     fn new(
-        K: Option<&Bound<'_, PyAny>>,
-        world_to_camera: Option<&Bound<'_, PyAny>>,
-        #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
+        K: &Bound<'_, PyAny>,
+        world_to_camera: &Bound<'_, PyAny>,
+        #[pyo3(from_py_with = size)] size: (u32, u32),
         near: Option<f32>,
-        k: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        // `k` is what K was called before.
-        let (Some(k), Some(pose), Some(size)) = (K.or(k), world_to_camera, size) else {
-            return Err(PyTypeError::new_err("a Camera needs K, world_to_camera and size"));
-        };
-        Self::of_matrices(k, pose, size, near)
+        Self::of_matrices(K, world_to_camera, size, near)
     }
 
     /// A camera at `eye` that looks at `target`; fov is vertical, in degrees.

@@ -8,7 +8,9 @@ use crate::model::Model;
 use crate::photos::Photos;
 use crate::watch::{Callbacks, followed};
 use crate::words::in_python;
-use engine::edit::{Edit, NEEDLE, Region, Similarity, Unwanted, common_origin, floater_warning, rounding};
+use engine::edit::{
+    Edit, NEEDLE, Region, Similarity, Unwanted, common_origin, floater_warning, rounding, rounding_warning,
+};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::gpu;
@@ -37,8 +39,7 @@ impl Model {
     fn transformed(&self, py: Python<'_>, map: Result<Similarity, engine::edit::Error>) -> PyResult<Self> {
         let moved = self.edited(py, Edit::Transform(checked(map)?))?;
         if let Some(step) = rounding(&moved.inner).filter(|_| rounding(&self.inner).is_none()) {
-            let what = "the model now lies far from its origin";
-            warn(py, &format!("{what}: its positions are rounded to about {step:.1e} units"))?;
+            warn(py, &rounding_warning("the model now lies far from its origin", step))?;
         }
         Ok(moved)
     }
@@ -253,8 +254,7 @@ pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
         (all, origin, rounded)
     })?;
     if let Some(step) = rounded {
-        let what = "a model lies far from the origin of the merged model";
-        warn(py, &format!("{what}: its positions are rounded to about {step:.1e} units"))?;
+        warn(py, &rounding_warning("a model lies far from the origin of the merged model", step))?;
     }
     Ok(Model { origin, ..first.like(merged) })
 }

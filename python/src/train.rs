@@ -72,34 +72,33 @@ struct Left {
     log: String,
 }
 
-/// How a run goes about its folder.
-#[derive(Clone, Copy)]
-struct Manner<'a> {
-    resume: bool,
-    /// The initial model, if it is no file.
-    initial: Option<&'a Model>,
-}
-
 /// The file of an initial model that came from memory.
 fn initial_file(folder: &Path) -> PathBuf {
     folder.join("initial.ply")
 }
 
-fn job(session: &Session<'_>, config: &RunConfig, folder: &Path, manner: Manner<'_>) -> Result<Left, Error> {
+/// Runs a job in its folder, or resumes it; `initial` is the initial model, if it is no file.
+fn job(
+    session: &Session<'_>,
+    config: &RunConfig,
+    folder: &Path,
+    resume: bool,
+    initial: Option<&Model>,
+) -> Result<Left, Error> {
     let output = Output::claim(folder)?;
     let found = Earlier::of(&output);
-    if !manner.resume && found == Earlier::Interrupted {
+    if !resume && found == Earlier::Interrupted {
         return Err(Error::Unfinished(output.checkpoint()));
     }
-    let resumed = manner.resume && found != Earlier::Nothing;
+    let resumed = resume && found != Earlier::Nothing;
     if resumed {
         earlier::check(&output, config)?;
     }
-    if let Some(model) = manner.initial {
+    if let Some(model) = initial {
         store(&initial_file(folder), model, folder, resumed)?;
     }
-    if !(manner.resume && found == Earlier::Finished) {
-        run::run(session, config, &output, manner.resume)?;
+    if !(resume && found == Earlier::Finished) {
+        run::run(session, config, &output, resume)?;
         output.complete();
     }
     let text = |path: PathBuf| std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source });
@@ -142,7 +141,7 @@ pub fn train(
         return Err(wrong("output is an empty path: name a folder, or leave it out"));
     }
     if resume && output.is_none() {
-        return Err(wrong("resume=True goes on from a checkpoint: name the run's folder as output"));
+        return Err(wrong("resume=True continues from a checkpoint: name the run's folder as output"));
     }
     let options = options.map_or_else(|| Ok(PyDict::new(py)), Bound::copy)?;
     let model = initial(&options)?;
@@ -155,10 +154,10 @@ pub fn train(
         config = from_model(config, &path, mode, asked);
     }
     let device = or_usual(py, device)?;
-    let manner = Manner { resume, initial: model.as_ref().map(Py::get) };
+    let initial = model.as_ref().map(Py::get);
     let left = followed(py, Callbacks { on_step, on_progress }, |watcher| {
         let networks = Networks::find(None)?;
-        job(&Session { watcher, ..Session::new(&device, &networks) }, &config, &folder, manner)
+        job(&Session { watcher, ..Session::new(&device, &networks) }, &config, &folder, resume, initial)
     })?;
     let json = |text: &str| serde_json::from_str::<Value>(text).map_err(|e| wrong(e.to_string()));
     let log = left.log.lines().map(json).collect::<PyResult<Vec<Value>>>()?;

@@ -6,7 +6,7 @@ use crate::errors::raised;
 use crate::fork;
 use crate::words::in_python;
 use engine::job::run_log::LogLine;
-use engine::job::{Error, Watcher};
+use engine::job::{Error, Stage, Watcher};
 use engine::train::Progress;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
@@ -83,7 +83,7 @@ impl Reporter<'_> {
         }
     }
 
-    fn progress(&self, stage: &'static str, done: usize, total: usize) {
+    fn count(&self, stage: &'static str, done: usize, total: usize) {
         if self.progress {
             self.tell(News::Progress(stage, done, total));
         }
@@ -91,15 +91,18 @@ impl Reporter<'_> {
 }
 
 impl Watcher for Reporter<'_> {
-    /// Called by many threads at once, which do not wait: the latest count is told.
-    fn loading(&self, done: usize, total: usize) {
+    fn progress(&self, stage: Stage, done: usize, total: usize) {
+        if stage != Stage::Photos {
+            return self.count(stage.name(), done, total);
+        }
+        // Threads that load photos do not wait for Python: it is told the latest count.
         let mut loaded = self.shared.loaded();
         if done > loaded.done {
             (loaded.done, loaded.total) = (done, total);
         }
     }
     fn training(&self, progress: &Progress, until: u32) {
-        self.progress("training", progress.iteration as usize, until as usize);
+        self.count("training", progress.iteration as usize, until as usize);
     }
     fn logged(&self, line: &LogLine) {
         if self.steps
@@ -107,15 +110,6 @@ impl Watcher for Reporter<'_> {
         {
             self.tell(News::Step(line));
         }
-    }
-    fn responding(&self, done: usize, total: usize) {
-        self.progress("responses", done, total);
-    }
-    fn evaluating(&self, done: usize, total: usize) {
-        self.progress("scores", done, total);
-    }
-    fn trying(&self, done: usize, total: usize) {
-        self.progress("files", done, total);
     }
     fn note(&self, line: &str) {
         self.tell(News::Note(in_python(line)));

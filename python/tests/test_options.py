@@ -156,11 +156,10 @@ def test_cameras_are_given_by_K(ring):
     expected = renderer.render(qirf_vk.Camera(camera.K, camera.world_to_camera, camera.size))
     assert np.array_equal(renderer.render(qirf_vk.Camera(**parts)), expected)
     assert np.array_equal(renderer.render(**parts), expected) and np.isfinite(renderer.depth(**parts)).any()
-    old = {**parts, "k": parts["K"]}
-    del old["K"]
-    assert np.array_equal(qirf_vk.Camera(**old).K, camera.K)
-    with pytest.raises(TypeError, match="needs K, world_to_camera and size"):
+    with pytest.raises(TypeError, match="world_to_camera.*size"):
         qirf_vk.Camera(camera.K)
+    with pytest.raises(TypeError, match="'k'"):
+        qirf_vk.Camera(**parts, k=camera.K)
     with pytest.raises(ValueError, match="give a Camera, or K"):
         renderer.render(camera, K=camera.K)
     assert qirf_vk.Device(0).name == qirf_vk.Device("0").name == qirf_vk.Device.list()[0]

@@ -23,11 +23,11 @@ pub(super) struct Choices {
     target_count: Option<u32>,
     /// Rule that selects Gaussians: pairs merges pairs of neighbours; the others rank Gaussians and keep the first [default:
     /// css; compress: pairs; preset paper: gnso]
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Selector>("a selector"))]
+    #[arg(long, value_name = "NAME", value_parser = values::named("a selector", &Selector::ALL, Selector::name))]
     pub selector: Option<Selector>,
     /// Budget: every block keeps its share (per-block), the best of the whole scene are kept (global), or half of each (hybrid)
     /// [default: hybrid; compress without --fine-tune and preset paper: per-block]
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Budget>("a budget"))]
+    #[arg(long, value_name = "NAME", value_parser = values::named("a budget", &Budget::ALL, Budget::name))]
     budget: Option<Budget>,
     /// Share of the Gaussians that is reserved for small, visible detail [default: 0.05]
     #[arg(long, value_name = "SHARE", value_parser = values::share_or_none)]
@@ -42,14 +42,14 @@ pub(super) struct Choices {
     partition: Option<Partition>,
     /// Overlaps in the metric: of Gaussians of unit norm (normalised), or as in the paper's literal text (raw) [default:
     /// normalised]
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Overlap>("a kind of overlap"))]
+    #[arg(long, value_name = "NAME", value_parser = values::named("a kind of overlap", &Overlap::ALL, Overlap::name))]
     overlap: Option<Overlap>,
     /// Number of median scales by which Gaussians are widened before overlaps are computed [default: 0]
     #[arg(long, value_name = "T", value_parser = values::not_negative)]
     dilate: Option<f64>,
     /// Eigensolver of the blocks: for the whole problem (dsygvd), by Cholesky and an 8 x 8 eigenproblem (low-rank; in float32:
     /// low-rank-f32), or by the same in float32 on the device (device) [default: low-rank; preset paper: dsygvd]
-    #[arg(long, value_name = "NAME", value_parser = values::named::<Eigensolver>("an eigensolver"))]
+    #[arg(long, value_name = "NAME", value_parser = values::named("an eigensolver", &Eigensolver::ALL, Eigensolver::name))]
     solver: Option<Eigensolver>,
     /// Number added to the metric's diagonal [default: 1e-4]
     #[arg(long, value_name = "E", value_parser = values::not_negative)]

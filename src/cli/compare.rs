@@ -32,7 +32,6 @@ const EXAMPLES: &str = "Examples:
 const FILES: &str =
     "The folder holds compare.html, compare.csv, compare.json, and each arm's model, pictures and figures in arms/.";
 
-/// Compare pruning methods on a scene, all from one checkpoint
 #[derive(Debug, clap::Args)]
 #[command(after_help = format!("{EXAMPLES}\n\n{}\n\n{FILES}", arms_help()))]
 pub(super) struct Arguments {

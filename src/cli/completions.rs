@@ -8,7 +8,6 @@ const EXAMPLES: &str = "Examples:
   qirf-vk completions zsh > ~/.zfunc/_qirf-vk
   qirf-vk completions fish > ~/.config/fish/completions/qirf-vk.fish";
 
-/// Print shell completions.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {

@@ -3,7 +3,6 @@
 use super::compression::CompressArgs;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
-use super::inspect::read_model;
 use super::scratch::Scratch;
 use super::show::Show;
 use super::values;
@@ -19,9 +18,8 @@ use crate::pipeline::compress::fit::{self, Target};
 use crate::pipeline::compress::peer::Peer;
 use crate::pipeline::compress::remarks::remarks;
 use crate::pipeline::compress::{self, Input};
-use crate::pipeline::place::place;
 use crate::qirf::pairs::PairCounts;
-use crate::report::{of_compression, of_curve};
+use crate::report;
 use crate::wording::counted;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -37,7 +35,6 @@ const EXAMPLES: &str = "Examples:
 
 Without photos, the result is compared with pictures of the model from all around it. If you have the capture, use --scene, which gives better results. Rooms and landscapes, which surround their cameras, need it.";
 
-/// Prune an existing model, and write a smaller file.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -48,7 +45,7 @@ pub(super) struct Arguments {
     output: PathBuf,
     /// Measure PSNR against bytes instead: the best files of these formats, such as sog,spz, at six sizes, with the bytes and
     /// the loss of each attribute. OUT is a folder for curve.json, curve.csv and curve.html
-    #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = format, conflicts_with_all = ["psnr", "fine_tune", "report", "diagnostics", "sh_bits", "keep", "target_count"])]
+    #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = format, conflicts_with_all = ["psnr", "fine_tune", "report", "diagnostics", "sh_bits", "keep", "target_count", "view", "port", "host"])]
     curve: Option<Vec<String>>,
     /// Command of splat-transform, with its options, for comparison in the curve; none omits it
     #[arg(long, value_name = "COMMAND", default_value = "splat-transform", requires = "curve")]
@@ -108,13 +105,9 @@ impl Arguments {
         }
         let aim = self.options.aim()?;
         let reading = Instant::now();
-        let mut loaded = read_model(&self.model, console)?;
+        let (loaded, style) = self.options.read(&self.model, console)?;
         let read_s = reading.elapsed().as_secs_f64();
-        if let Some((scene, images)) = self.options.scene() {
-            place(&mut loaded.gaussians, &mut loaded.origin, (scene, images))?;
-        }
         let device = global.open_with(self.memory_budget)?;
-        let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
         let networks = Networks::default();
         let mut watcher = Show::new(console);
@@ -128,14 +121,13 @@ impl Arguments {
         let figures = self.watched.during(&session, console, subject, |session| {
             compress::compress_to(session, input, (&config, aim), &target)
         })?;
-        let json = serde_json::to_value(&figures).map_err(|e| Error::encoding("the report", e))?;
-        if let Some(path) = &self.report {
-            let page = has_extension(path, &["html"]);
-            let text = if page { of_compression(&figures) } else { format!("{json:#}\n") };
-            Output::text(path, &text)?;
+        match &self.report {
+            Some(page) if has_extension(page, &["html"]) => Output::text(page, &report::compression::page(&figures))?,
+            Some(file) => Output::json(file, "the report", &figures)?,
+            None => {}
         }
         console.tell(remarks(&figures));
-        if self.json { console.json(&json) } else { report(console, &figures) }
+        if self.json { console.json(&figures) } else { report(console, &figures) }
     }
 
     /// Writes the curve of these formats.
@@ -146,13 +138,9 @@ impl Arguments {
         check_folder(&self.output)?;
         let output = Output::new(&self.output)?;
         let peer = Peer::find(&self.peer, output.folder());
-        let mut loaded = read_model(&self.model, console)?;
-        if let Some((scene, images)) = self.options.scene() {
-            place(&mut loaded.gaussians, &mut loaded.origin, (scene, images))?;
-        }
+        let (loaded, style) = self.options.read(&self.model, console)?;
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
-        let style = self.options.rendering.style(&self.model, &loaded, None, console);
         let watcher = Show::new(console);
         let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
         let config = self.options.configuration(style, 0)?;
@@ -173,7 +161,7 @@ impl Arguments {
         let at = |name: &str| output.folder().join(name);
         Output::json(&at("curve.json"), "the curve", &record)?;
         Output::text(&at("curve.csv"), &record.csv())?;
-        Output::text(&at("curve.html"), &of_curve(&record))?;
+        Output::text(&at("curve.html"), &report::curve::page(&record))?;
         if self.json { console.json(&record) } else { console.print(record.csv().trim_end()) }
     }
 

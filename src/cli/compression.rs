@@ -1,12 +1,16 @@
 //! Arguments of a compression, for `compress` and `shard plan`.
 
 use super::choices::Choices;
+use super::console::Console;
+use super::inspect::read_model;
 use super::style;
 use super::values::{self, Size};
+use crate::gaussians::formats::Loaded;
 use crate::job::config::PruneRule;
 use crate::job::records::Aim;
 use crate::job::{Error, Selection};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
+use crate::pipeline::place::place;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
 use crate::scene::EVAL_EVERY;
@@ -54,7 +58,7 @@ pub(super) struct CompressArgs {
     #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene", value_parser = values::whole::<usize>)]
     eval_every: Option<usize>,
     #[command(flatten)]
-    pub rendering: style::Rendering,
+    rendering: style::Rendering,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
@@ -73,9 +77,14 @@ enum Preset {
 }
 
 impl CompressArgs {
-    /// The scene whose photos guide the prune, and their folder.
-    pub fn scene(&self) -> Option<(&Path, Option<&Path>)> {
-        Some((self.scene.as_deref()?, self.images.as_deref()))
+    /// Reads the model, counts its means from the origin of its scene, if it has one, and decides how the model is drawn.
+    pub fn read(&self, model: &Path, console: &Console) -> Result<(Loaded, Style), Error> {
+        let mut loaded = read_model(model, console)?;
+        if let Some(scene) = &self.scene {
+            place(&mut loaded.gaussians, &mut loaded.origin, (scene, self.images.as_deref()))?;
+        }
+        let style = self.rendering.style(model, &loaded, None, console);
+        Ok((loaded, style))
     }
 
     /// The aim for the file, if there is one.

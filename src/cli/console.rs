@@ -52,8 +52,7 @@ impl Console {
 
     /// Writes one JSON document to standard output.
     pub fn json(&self, document: &impl Serialize) -> Result<(), Error> {
-        let value = serde_json::to_value(document).map_err(|e| Error::encoding("the JSON document", e))?;
-        self.print(format_args!("{value:#}"))
+        self.print(serde_json::to_string_pretty(document).map_err(|e| Error::encoding("the JSON document", e))?)
     }
 
     /// Prints a remark on standard error, unless quiet.

@@ -40,7 +40,6 @@ Formats read: PLY (binary, text, compressed), SPZ 1 to 4, .splat, .ksplat, SOG, 
 Formats written: PLY (exact), GLB and USD (exact but for rounding), SPZ, SOG and .compressed.ply (quantised; the PSNR against the model's pictures is printed).
 A name in .html gives one page that holds the model as SPZ and draws it in any browser with WebGL 2, without a network.";
 
-/// Convert a model between file formats.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -188,7 +187,7 @@ impl Arguments {
                 "--antialias and --dilation apply only to pages here; `qirf-vk edit --antialias` sets a file's tag";
             return Err(Error::Usage(what.into()));
         }
-        if self.rendering.by_tile() {
+        if self.rendering.depth_order {
             return Err(Error::Usage("--depth-order: pages have one order of depths for the whole picture".into()));
         }
         if for_pages && !is_page {

@@ -20,7 +20,6 @@ const EXAMPLES: &str = "Examples:
   qirf-vk device --kernels
   qirf-vk device --fingerprint";
 
-/// List the Vulkan devices, the default one, and the tuning of its kernels.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {

@@ -3,6 +3,7 @@
 use super::check_file;
 use super::console::Console;
 use super::remedy::quoted;
+use crate::extension::folder_of;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode};
 use crate::job::Error;
@@ -24,8 +25,7 @@ pub(super) fn file(text: &str) -> Result<PathBuf, String> {
 
 /// Whether two paths have the same name in the same folder, whether or not a file is there.
 pub(super) fn same_file(a: &Path, b: &Path) -> bool {
-    let [of_a, of_b] = [a, b].map(|path| path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")));
-    a.file_name() == b.file_name() && same_place(of_a, of_b)
+    a.file_name() == b.file_name() && same_place(folder_of(a), folder_of(b))
 }
 
 /// Writes a prune's diagnostics.
@@ -56,7 +56,7 @@ impl Recorder {
                 )));
             }
         }
-        let folder = file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(file);
         if folder.components().ne(made.components()) {
             std::fs::metadata(folder).map_err(|source| Error::Write { path: file.to_owned(), source })?;
         }

@@ -27,7 +27,6 @@ Photos are held out, scaled and scored as by `qirf-vk run`: a run's model.ply ge
 With --against, the model is scored against pictures of its original, from the views that `qirf-vk compress` holds out. Where \
 both are equal, PSNR is infinite, and the table says so.";
 
-/// Score a model against held-out photos of a scene, or against another model's pictures.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {

@@ -23,8 +23,13 @@ pub(super) fn check_no_run(output: &Path) -> Result<(), Error> {
     }
 }
 
-/// Refuses a file that is a run's model, which its figures describe.
-pub(super) fn check_no_runs_model(output: &Path) -> Result<(), Error> {
+/// An error for a folder with a run, whose figures would be overwritten.
+pub(super) fn holds_run(output: &Path) -> Error {
+    Error::Usage(format!("-o {} holds a run and its figures; name another folder", output.display()))
+}
+
+/// Refuses the name of a file that is no model's, and the model of a run, which its figures describe.
+pub(super) fn check_model(output: &Path) -> Result<(), Error> {
     let folder = output.parent().unwrap_or(Path::new(""));
     if output.file_name().is_some_and(|name| name == "model.ply" || name == "model.sog") && is_run(folder) {
         return Err(Error::Usage(format!(
@@ -32,17 +37,6 @@ pub(super) fn check_no_runs_model(output: &Path) -> Result<(), Error> {
             output.display()
         )));
     }
-    Ok(())
-}
-
-/// An error for a folder with a run, whose figures would be overwritten.
-pub(super) fn holds_run(output: &Path) -> Error {
-    Error::Usage(format!("-o {} holds a run and its figures; name another folder", output.display()))
-}
-
-/// Refuses the name of a file that is no model's, and the model of a run.
-pub(super) fn check_model(output: &Path) -> Result<(), Error> {
-    check_no_runs_model(output)?;
     if formats::is_levels(output) || has_extension(output, &["html"]) {
         let what = "pages and levels of detail are written by `qirf-vk convert`; write a model, and convert that";
         return Err(Error::Usage(format!("{}: {what}", output.display())));

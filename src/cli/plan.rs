@@ -4,7 +4,6 @@ use super::Global;
 use super::choices::Choices;
 use super::compression::CompressArgs;
 use super::console::Console;
-use super::inspect::read_model;
 use super::show::Show;
 use super::training::Training;
 use super::values;
@@ -12,7 +11,6 @@ use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::job::{Error, Session, host_bytes};
 use crate::metrics::Networks;
-use crate::pipeline::place::place;
 use crate::selftest;
 use crate::shard::blocks::BlockRun;
 use crate::shard::{CompressPlan, Job, Plan, Shard};
@@ -86,11 +84,7 @@ impl Planned {
 
 impl OfModel {
     fn job(&self, session: &Session<'_>, console: &Console) -> Result<Job, Error> {
-        let mut loaded = read_model(&self.model, console)?;
-        if let Some((scene, images)) = self.options.scene() {
-            place(&mut loaded.gaussians, &mut loaded.origin, (scene, images))?;
-        }
-        let style = self.options.rendering.style(&self.model, &loaded, None, console);
+        let (loaded, style) = self.options.read(&self.model, console)?;
         if self.options.aim()?.is_some() {
             let what = "--size of a file and --psnr are for `qirf-vk compress`; a plan has --keep or --target-count";
             return Err(Error::Usage(what.to_owned()));

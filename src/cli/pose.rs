@@ -20,7 +20,6 @@ const EXAMPLES: &str = "Examples:
 The folder then holds images/ and sparse/0, as COLMAP's scenes do, and pose/log.txt. After an interruption, the same command \
 resumes where it stopped. `qirf-vk run INPUT -o DIR` does the same into DIR/scene, and trains the scene.";
 
-/// Estimate the camera poses of photos or of a video, with COLMAP or OpenMVG-rs
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {

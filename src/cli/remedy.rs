@@ -202,10 +202,6 @@ fn model(error: &gaussians::Error) -> Option<String> {
 fn capture(error: &scene::Error) -> Option<String> {
     match error {
         scene::Error::Io { source, .. } => readable(source),
-        scene::Error::UnknownModel { .. } => plain(
-            "undistort the photos with `colmap image_undistorter` and open its output, or calibrate again with \
-             --ImageReader.camera_model OPENCV",
-        ),
         scene::Error::NoPoses { root, images, .. } => Some(pose(root, images)),
         scene::Error::NoScene { root, .. } => {
             Some(other_kind(root).unwrap_or_else(|| "give the folder that holds one of them".to_owned()))
@@ -322,13 +318,6 @@ mod tests {
             scene::Error::NoPhotos { root: path(), listed: 5, what: "a.png does not exist".into() },
             &["--images DIR"],
         );
-        let model = scene::Error::UnknownModel {
-            path: path(),
-            record: "camera 1 of 1".into(),
-            model: "FOV".into(),
-            known: String::new(),
-        };
-        says(model, &["image_undistorter", "OPENCV"]);
         says(scene::Error::NoImageFolder { root: path(), asked: path(), known: Vec::new() }, &["--images"]);
         says(metrics::Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["--lpips-weights"]);
         says(synth::Error::Foreign(path()), &["empty or new folder"]);

@@ -46,7 +46,6 @@ const EXAMPLES: &str = "Examples:
 
 A path's file is {\"keys\": [{\"eye\": [x, y, z], \"target\": [x, y, z], \"up\": [x, y, z], \"fov\": degrees}, ...]}, or a camera path of nerfstudio.";
 
-/// Render pictures of a model, from a scene's cameras, on a circle around it or on a path, as a film or a panorama.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 #[command(group = ArgGroup::new("cameras").required(true).multiple(true).args(["scene", "orbit", "path", "panorama"]))]

@@ -24,6 +24,7 @@ use crate::render::Style;
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
 use crate::wording::{counted, file_size};
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -42,7 +43,6 @@ The folder holds model.ply, report.html, metrics.json, log.jsonl, renders/ and c
 
 For photos without poses and for videos, `run` first estimates poses as `qirf-vk pose` does, and writes the scene to the folder's scene/.";
 
-/// Train and prune a model from photos, a scene or a video.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 #[expect(clippy::struct_excessive_bools, reason = "options, each on its own")]
@@ -281,11 +281,7 @@ impl Arguments {
         (packed, output): (Option<&CompressRecord>, &Output),
     ) -> Result<(), Error> {
         if self.json {
-            let mut json = serde_json::to_value(record).map_err(|e| Error::encoding("the figures", e))?;
-            if let Some(packed) = packed {
-                json["packed"] = serde_json::to_value(packed).map_err(|e| Error::encoding("the figures", e))?;
-            }
-            return console.json(&json);
+            return console.json(&Figures { record, packed });
         }
         if self.json_progress {
             return Ok(());
@@ -326,6 +322,15 @@ impl Arguments {
         }
         console.print(format_args!("report {}", output.report().display()))
     }
+}
+
+/// The figures of a run, and of its packed model if there is one.
+#[derive(Serialize)]
+struct Figures<'a> {
+    #[serde(flatten)]
+    record: &'a RunRecord,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    packed: Option<&'a CompressRecord>,
 }
 
 /// Packs the trained model into a file of at most this many bytes, compared by the run's photos and drawn in this style.

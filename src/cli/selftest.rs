@@ -17,7 +17,6 @@ Every kernel runs on embedded hard cases, and its results are compared with know
 float64. An error slightly above its bound, as rounding on this device can cause, is a warning. The exit code is 4 if \
 any result is wrong.";
 
-/// Compare the device's results with those of the CPU.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {

@@ -23,7 +23,6 @@ const EXAMPLES: &str = "Examples:
 The model is big/model.ply. It does not depend on the number of processes that did the tasks, on their order, or on interruptions. \
 A compression gives the bytes that `qirf-vk compress` would have written.";
 
-/// Divide a large compression, or a training in blocks, into tasks for one device or a cluster
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {

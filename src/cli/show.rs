@@ -8,50 +8,28 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
 use crate::job::diagnostics::Diagnostics;
 use crate::job::run_log::LogLine;
-use crate::job::{Error, Watcher};
+use crate::job::{Error, Stage, Watcher};
 use crate::train::Progress;
 use crate::wording::counted;
 use indicatif::ProgressBar;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
-/// Shows a job on the console; each stage has a bar of its own.
+/// Shows a job on the console.
 pub(super) struct Show<'a> {
     console: &'a Console,
     watch: Watch,
     recorder: Option<Recorder>,
     json: bool,
     pulse: Pulse,
-    poses: OnceLock<ProgressBar>,
-    photos: OnceLock<ProgressBar>,
-    training: OnceLock<ProgressBar>,
-    responses: OnceLock<ProgressBar>,
-    scores: OnceLock<ProgressBar>,
-    pictures: OnceLock<ProgressBar>,
-    files: OnceLock<ProgressBar>,
+    bar: Bar,
     unprinted: OnceLock<Error>,
 }
 
 impl<'a> Show<'a> {
     /// Shows a job, and starts to watch for Ctrl-C.
     pub fn new(console: &'a Console) -> Self {
-        let [poses, photos, training, responses, scores, pictures, files] = Default::default();
-        let (watch, recorder, pulse, json) = (Watch::begin(), None, Pulse::new(), false);
-        let unprinted = OnceLock::new();
-        Self {
-            console,
-            watch,
-            recorder,
-            json,
-            pulse,
-            poses,
-            photos,
-            training,
-            responses,
-            scores,
-            pictures,
-            files,
-            unprinted,
-        }
+        let (watch, pulse) = (Watch::begin(), Pulse::new());
+        Self { console, watch, recorder: None, json: false, pulse, bar: Bar::new(), unprinted: OnceLock::new() }
     }
 
     /// Also writes what prunes knew and decided.
@@ -68,43 +46,52 @@ impl<'a> Show<'a> {
     pub fn printed(&mut self) -> Result<(), Error> {
         self.unprinted.take().map_or(Ok(()), Err)
     }
-
-    fn step(&self, bar: &OnceLock<ProgressBar>, what: &'static str, done: usize, total: usize) {
-        advance(bar.get_or_init(|| self.console.bar(total as u64, what)), done as u64, total as u64);
-        self.pulse.beat(self.console, (what, done as u64, total as u64), "");
-    }
 }
 
-/// Advances a bar; removes it when all is done.
-fn advance(bar: &ProgressBar, done: u64, total: u64) {
-    bar.set_position(done);
-    if done == total {
-        bar.finish_and_clear();
+/// Steps of a stage: its name, those done, and their number.
+type Steps = (&'static str, u64, u64);
+
+/// The bar on the screen, and the stage that it shows.
+struct Bar(Mutex<(&'static str, ProgressBar)>);
+
+impl Bar {
+    fn new() -> Self {
+        Self(Mutex::new(("", ProgressBar::hidden())))
+    }
+
+    /// Advances the bar of a stage, and removes it when all is done. Another stage, and one that begins anew, gets a bar of its own.
+    fn advance(&self, (stage, done, total): Steps, new: impl FnOnce() -> ProgressBar) -> ProgressBar {
+        let mut shown = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (of, bar) = &mut *shown;
+        if *of != stage || bar.is_finished() {
+            bar.finish_and_clear();
+            (*of, *bar) = (stage, new().with_position(done));
+            // What was done before says nothing about the pace; the bar takes note of it with the length.
+            bar.set_length(total);
+            bar.reset_eta();
+        }
+        bar.set_length(total);
+        bar.set_position(done);
+        if done == total {
+            bar.finish_and_clear();
+        }
+        bar.clone()
     }
 }
 
 impl Watcher for Show<'_> {
-    fn posing(&self, stage: &'static str, done: usize, total: usize) {
-        let bar = self.poses.get_or_init(|| self.console.bar(total as u64, stage));
-        if bar.message() != stage {
-            // One bar for all stages: it begins anew.
-            bar.reset();
-            bar.set_message(stage);
-        }
-        bar.set_length(total as u64);
-        advance(bar, done as u64, total as u64);
-        self.pulse.beat(self.console, (stage, done as u64, total as u64), "");
-    }
-
-    fn loading(&self, done: usize, total: usize) {
-        self.step(&self.photos, "photos", done, total);
+    fn progress(&self, stage: Stage, done: usize, total: usize) {
+        let steps @ (name, _, total) = (stage.name(), done as u64, total as u64);
+        self.bar.advance(steps, || self.console.bar(total, name));
+        self.pulse.beat(self.console, steps, "");
     }
 
     fn training(&self, progress: &Progress, until: u32) {
-        let bar = self.training.get_or_init(|| self.console.training_bar(u64::from(until)));
-        advance(bar, u64::from(progress.iteration), u64::from(until));
+        let (done, total) = (u64::from(progress.iteration), u64::from(until));
+        let steps = ("training", done, total);
+        let bar = self.bar.advance(steps, || self.console.training_bar(total));
         let message = format!("loss {:.4}  {}", progress.loss, counted(progress.gaussians, "Gaussian"));
-        self.pulse.beat(self.console, ("training", u64::from(progress.iteration), u64::from(until)), &message);
+        self.pulse.beat(self.console, steps, &message);
         bar.set_message(message);
     }
 
@@ -112,37 +99,15 @@ impl Watcher for Show<'_> {
         if self.json
             && let Ok(text) = serde_json::to_string(line)
         {
-            // Whatever became of the reader, the run goes on.
+            // Whatever became of the reader, the run continues.
             if let Err(error) = self.console.print(text) {
                 let _ = self.unprinted.set(error);
             }
         }
     }
 
-    fn responding(&self, done: usize, total: usize) {
-        self.step(&self.responses, "responses", done, total);
-    }
-
     fn pruned(&self, before: &Gaussians, mode: RenderMode, diagnostics: &Diagnostics) -> Result<(), Error> {
         self.recorder.as_ref().map_or(Ok(()), |r| r.write(before, mode, diagnostics, self.console))
-    }
-
-    fn evaluating(&self, done: usize, total: usize) {
-        self.step(&self.scores, "scores", done, total);
-    }
-
-    fn rendering(&self, done: usize, total: usize) {
-        self.step(&self.pictures, "rendering", done, total);
-    }
-
-    fn trying(&self, done: usize, total: usize) {
-        let bar = self.files.get_or_init(|| self.console.bar(total as u64, "files"));
-        bar.set_length(total as u64);
-        bar.set_position(done as u64);
-        self.pulse.beat(self.console, ("files", done as u64, total as u64), "");
-        if (done, total) == (1, 1) {
-            bar.finish_and_clear();
-        }
     }
 
     fn note(&self, line: &str) {
@@ -151,5 +116,29 @@ impl Watcher for Show<'_> {
 
     fn stop(&self) -> bool {
         self.watch.pressed()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_that_begins_anew_gets_a_new_bar() {
+        let bar = Bar::new();
+        let mut made = 0;
+        let mut advance = |stage, done, total| {
+            let shown = bar.advance((stage, done, total), || {
+                made += 1;
+                ProgressBar::hidden()
+            });
+            (made, shown.length(), shown.is_finished())
+        };
+        assert_eq!(advance("training", 40, 50), (1, Some(50), false));
+        assert_eq!(advance("training", 50, 50), (1, Some(50), true));
+        assert_eq!(advance("training", 1, 900), (2, Some(900), false));
+        assert_eq!(advance("scores", 3, 9), (3, Some(9), false));
+        assert_eq!(advance("scores", 4, 12), (3, Some(12), false));
+        assert_eq!(advance("training", 300, 900), (4, Some(900), false));
     }
 }

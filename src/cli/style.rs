@@ -12,7 +12,7 @@ pub struct Rendering {
     /// Keep the energy of Gaussians smaller than a pixel; without a value, on; true and false stand for on and off [default: as
     /// the model's file says]
     #[arg(long, value_name = "on|off", help_heading = "Rendering", num_args = 0..=1, require_equals = true,
-        default_missing_value = "on", value_parser = values::switch())]
+        default_missing_value = "on", value_parser = values::switch(), ignore_case = true)]
     antialias: Option<bool>,
     /// Variance added to every splat, in square pixels; anti-aliased models of gsplat and PlayCanvas need 0.3, which their
     /// files do not record [default: 0.1 for anti-aliased models, 0.3 for others]
@@ -21,7 +21,7 @@ pub struct Rendering {
     /// Sort Gaussians by depth in each tile of the picture, for models trained with depth_order; this avoids popping when the
     /// camera turns
     #[arg(long, help_heading = "Rendering")]
-    depth_order: bool,
+    pub depth_order: bool,
 }
 
 impl Rendering {
@@ -38,11 +38,6 @@ impl Rendering {
     /// True if an option asks for something that only pictures have.
     pub fn is_of_pictures(&self) -> bool {
         self.dilation.is_some() || self.depth_order
-    }
-
-    /// True if an order of depths per tile is asked for.
-    pub fn by_tile(&self) -> bool {
-        self.depth_order
     }
 
     /// The style of a model of this mode, which the options have settled.

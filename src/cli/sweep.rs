@@ -33,7 +33,6 @@ keep and selector continue from one checkpoint.
 
 The folder holds sweep.html, sweep.csv and sweep.json.";
 
-/// Measure what accuracy costs in time: every axis of the engine, rung by rung
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -163,7 +162,7 @@ impl Arguments {
         let Loaded { gaussians: model, mode, .. } = read_model(&self.path, console)?;
         let default = VirtualCameras::default();
         let (size, up) = (self.size.unwrap_or(default.size), self.up.unwrap_or(UP));
-        let background = self.training.background().unwrap_or([0.0; 3]);
+        let background = self.training.background.unwrap_or([0.0; 3]);
         subject::of_model(session, &self.path, (model, mode), VirtualCameras { size, up, ..default }, background)
     }
 
@@ -173,7 +172,7 @@ impl Arguments {
             session,
             folder: &self.output,
             config: &self.training.configuration(self.path.clone(), console)?,
-            preset: self.training.preset(),
+            preset: self.training.preset,
             pruning: &self.training.pruning(&self.choices)?,
         };
         sweep::heavy(&training, asked)

@@ -15,9 +15,8 @@ const EXAMPLES: &str = "Examples:
   qirf-vk synth walk --kind panorama --views 24
   qirf-vk synth dots --kind dots --size 640x480 --lens FOV:450,455,320,240,0.7";
 
-/// Make a synthetic capture: a COLMAP project with photos, cameras and points.
 #[derive(Debug, clap::Args)]
-#[command(after_help = EXAMPLES, after_long_help = long_help())]
+#[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
     /// Folder to write: new, empty, or an earlier synthetic capture
     dir: PathBuf,
@@ -42,19 +41,13 @@ pub(super) struct Arguments {
     /// Also write depth/*.npy: the depth at the centre of each pixel, along the camera's axis, or along the ray in panoramas
     #[arg(long)]
     depth: bool,
-    /// Effects that the scene needs, separated by commas; --help lists them [default: none]
-    #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    effects: Vec<String>,
-}
-
-fn long_help() -> String {
-    let effects: Vec<String> = Effect::ALL.iter().map(|e| format!("  {e:<11} {}", e.description())).collect();
-    format!("Effects (--effects):\n{}\n\n{EXAMPLES}", effects.join("\n"))
+    /// Effects that the scene needs, separated by commas [default: none]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = values::one_of::<Effect>("an effect"))]
+    effects: Vec<Effect>,
 }
 
 impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
-        let effects = self.effects.iter().filter(|e| !e.trim().is_empty()).map(|e| e.parse());
         let usual = if self.kind == Kind::Panorama { (512, 256) } else { (240, 180) };
         let (width, height) = self.size.unwrap_or(usual);
         let points = if self.kind == Kind::Dots { 400 } else { SynthOptions::default().points };
@@ -67,7 +60,7 @@ impl Arguments {
             lens: self.lens.as_deref().map(str::parse::<Calibration>).transpose()?,
             points: self.points.unwrap_or(points),
             depth: self.depth,
-            effects: effects.collect::<Result<_, synth::Error>>()?,
+            effects: self.effects.clone(),
         };
         let begun = Instant::now();
         let bar = console.bar(self.views as u64, "tracing photos");

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct Training {
     /// Preset of the schedule; paper also sets the pruning and the effects of the QIRF paper
     #[arg(long, default_value = "standard", value_parser = values::one_of::<Preset>("a preset"), help_heading = "Training")]
-    preset: Preset,
+    pub preset: Preset,
     /// When and how the model is pruned [default: attrition; preset paper: one-shot]
     #[arg(long, value_name = "attrition|one-shot|gradual", value_parser = values::one_of::<Steps>("a schedule"), help_heading = "Compression")]
     schedule: Option<Steps>,
@@ -51,7 +51,7 @@ pub(super) struct Training {
     /// Keep the energy of Gaussians smaller than a pixel; without a value, on; true and false stand for on and off [default: as
     /// the file of an initial model says, else off]
     #[arg(long, value_name = "on|off", help_heading = "Effects", num_args = 0..=1, require_equals = true,
-        default_missing_value = "on", value_parser = values::switch())]
+        default_missing_value = "on", value_parser = values::switch(), ignore_case = true)]
     antialias: Option<bool>,
     /// Variance added to every splat, in square pixels; for anti-aliased models, viewers such as PlayCanvas's expect 0.3, which
     /// no file records [default: 0.1 with anti-aliasing, 0.3 without]
@@ -62,7 +62,7 @@ pub(super) struct Training {
     effect: Vec<(Effect, Choice)>,
     /// Colour behind the Gaussians [default: white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
-    background: Option<[f32; 3]>,
+    pub background: Option<[f32; 3]>,
     /// Iterations between checkpoints; with 0, only Ctrl-C writes one
     #[arg(long, value_name = "N", default_value_t = 5000, help_heading = "Training")]
     checkpoint_every: u32,
@@ -181,16 +181,6 @@ impl Training {
             Some(GrowTo::Number(n)) => Some(Growth { gaussians: Some(n as usize), ..Growth::default() }),
         };
         Schedule { growth, ..preset }
-    }
-
-    /// The preset of the schedule.
-    pub fn preset(&self) -> Preset {
-        self.preset
-    }
-
-    /// The requested colour behind the Gaussians.
-    pub fn background(&self) -> Option<[f32; 3]> {
-        self.background
     }
 
     fn overrides(&self) -> Result<Overrides, Error> {

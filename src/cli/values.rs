@@ -10,9 +10,7 @@ use crate::wording::{file_size, unknown};
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, TypedValueParser};
 use glam::DVec3;
-use serde::de::{self, DeserializeOwned, IntoDeserializer};
 use std::ffi::OsStr;
-use std::fmt::Display;
 use std::str::FromStr;
 
 /// Largest side of a picture in pixels.
@@ -166,11 +164,12 @@ pub(super) fn seconds(text: &str) -> Result<u64, String> {
     number(text, |n| (1..=3600).contains(n), "write a whole number of seconds from 1 to 3600")
 }
 
-/// A parser of names: it knows what help and completions list, and reads a name or gives its fault.
+/// A parser of names, which help and completions list.
 #[derive(Clone)]
 pub(super) struct Names<T> {
-    listed: Vec<PossibleValue>,
-    read: fn(&str, &'static str) -> Result<T, String>,
+    /// The names, each with what it stands for.
+    listed: Vec<(PossibleValue, T)>,
+    /// What they are, with its article: "a preset".
     what: &'static str,
 }
 
@@ -178,84 +177,37 @@ impl<T: Clone + Send + Sync + 'static> TypedValueParser for Names<T> {
     type Value = T;
 
     fn parse_ref(&self, cmd: &clap::Command, arg: Option<&clap::Arg>, value: &OsStr) -> Result<T, clap::Error> {
-        let (read, what) = (self.read, self.what);
-        (move |text: &str| read(text, what)).parse_ref(cmd, arg, value)
+        let Self { listed, what } = self.clone();
+        let ignore_case = arg.is_some_and(clap::Arg::is_ignore_case_set);
+        let read = move |text: &str| {
+            let found = listed.iter().find(|(name, _)| name.matches(text, ignore_case));
+            let names = listed.iter().map(|(name, _)| name.get_name());
+            found.map(|(_, value)| value.clone()).ok_or_else(|| unknown(text, what, names))
+        };
+        read.parse_ref(cmd, arg, value)
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        Some(Box::new(self.listed.iter().cloned()))
+        Some(Box::new(self.listed.iter().map(|(name, _)| name.clone())))
     }
 }
 
 /// The names of a type whose help lists each with its meaning. `what` has its article: "a preset".
-pub(super) fn one_of<T: ValueEnum + Send + Sync + 'static>(what: &'static str) -> Names<T> {
-    fn listed<T: ValueEnum>() -> Vec<PossibleValue> {
-        T::value_variants().iter().filter_map(ValueEnum::to_possible_value).collect()
-    }
-    let read = |text: &str, what| {
-        T::from_str(text, false).map_err(|_| unknown(text, what, listed::<T>().iter().map(PossibleValue::get_name)))
-    };
-    Names { listed: listed::<T>(), read, what }
+pub(super) fn one_of<T: ValueEnum>(what: &'static str) -> Names<T> {
+    let listed = |value: &T| Some((value.to_possible_value()?, value.clone()));
+    Names { listed: T::value_variants().iter().filter_map(listed).collect(), what }
 }
 
-/// The names of a type as in the configuration file. `what` has its article: "a selector".
-pub(super) fn named<T: DeserializeOwned + Clone + Send + Sync + 'static>(what: &'static str) -> Names<T> {
-    let read = |text: &str, what| {
-        variant(text).map_err(|fault| match fault {
-            Fault::Unknown(known) => unknown(text, what, known),
-            Fault::Other(fault) => fault,
-        })
-    };
-    let listed = match variant::<T>("") {
-        Err(Fault::Unknown(known)) => known.iter().map(|name| PossibleValue::new(*name)).collect(),
-        _ => Vec::new(),
-    };
-    Names { listed, read, what }
-}
-
-/// The error for a value that matches no variant.
-#[derive(Debug)]
-enum Fault {
-    /// These are its variants.
-    Unknown(&'static [&'static str]),
-    /// Another reason.
-    Other(String),
-}
-
-impl Display for Fault {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Unknown(known) => f.write_str(&known.join(", ")),
-            Self::Other(fault) => f.write_str(fault),
-        }
-    }
-}
-
-impl std::error::Error for Fault {}
-
-impl de::Error for Fault {
-    fn custom<M: Display>(message: M) -> Self {
-        Self::Other(message.to_string())
-    }
-
-    fn unknown_variant(_: &str, known: &'static [&'static str]) -> Self {
-        Self::Unknown(known)
-    }
-}
-
-/// A type's variant by its name in the configuration file.
-fn variant<T: DeserializeOwned>(text: &str) -> Result<T, Fault> {
-    T::deserialize(IntoDeserializer::<Fault>::into_deserializer(text))
+/// These values by their names, as in the configuration file. `what` has its article: "a selector".
+pub(super) fn named<T: Copy>(what: &'static str, all: &[T], name: fn(T) -> &'static str) -> Names<T> {
+    Names { listed: all.iter().map(|value| (PossibleValue::new(name(*value)), *value)).collect(), what }
 }
 
 /// `on` or `off`; true, yes, 1 and their opposites mean the same.
 pub(super) fn switch() -> Names<bool> {
-    let read = |text: &str, what| match text.to_lowercase().as_str() {
-        "on" | "true" | "yes" | "t" | "y" | "1" => Ok(true),
-        "off" | "false" | "no" | "f" | "n" | "0" => Ok(false),
-        _ => Err(unknown(text, what, ["on", "off"])),
-    };
-    Names { listed: ["on", "off"].map(PossibleValue::new).to_vec(), read, what: "a choice" }
+    let on = PossibleValue::new("on").aliases(["true", "yes", "t", "y", "1"]);
+    let off = PossibleValue::new("off").aliases(["false", "no", "f", "n", "0"]);
+    Names { listed: vec![(on, true), (off, false)], what: "a choice" }
 }
 
 /// `adaptive`, `adaptive:MOST` (largest number of members), `paper`, or an edge of voxels in world units.
@@ -355,5 +307,15 @@ mod tests {
         assert_eq!((whole("0"), seconds("50")), (Ok(0_usize), Ok(50)));
         assert!(whole::<usize>("-1").is_err() && seconds("0").is_err() && seconds("abc").is_err());
         assert!(up("w").is_err() && degrees("nan").is_err() && elevation("90").is_err());
+    }
+
+    #[test]
+    fn names_are_read_by_their_aliases_too() {
+        let command = clap::Command::new("test").arg(clap::Arg::new("it").value_parser(switch()).ignore_case(true));
+        let read =
+            |text: &str| command.clone().try_get_matches_from(["test", text]).ok()?.get_one::<bool>("it").copied();
+        let on = ["on", "TRUE", "1"].map(read);
+        let off = ["off", "No", "f"].map(read);
+        assert_eq!((on, off, read("perhaps")), ([Some(true); 3], [Some(false); 3], None));
     }
 }

@@ -41,7 +41,6 @@ Open the printed address in a browser. To look from another machine, run the vie
 /// Timeout for a request before Ctrl-C is checked.
 const PATIENCE: Duration = Duration::from_millis(100);
 
-/// Look at a model, a run or a capture in a browser.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {

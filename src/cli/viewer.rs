@@ -3,6 +3,7 @@
 use crate::gaussians::outline::outline;
 use crate::gaussians::{Gaussians, formats};
 use crate::job::{Error, Session};
+use crate::pipeline::evaluate::pictures::byte;
 use crate::pipeline::render::{near_at, picture};
 use crate::render::Settings;
 use crate::report::picture::data_uri;
@@ -25,7 +26,7 @@ pub(super) fn poster(session: &Session<'_>, model: &Gaussians, options: &PageOpt
     let settings = options.style.over(options.background);
     let settings = Settings { near: near_at(settings.near, outline.framing(&look).distance), ..settings };
     let image = picture(session, model, settings, &camera)?;
-    let bytes = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8));
+    let bytes = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(byte));
     Ok(RgbImage::from_raw(size[0], size[1], bytes.collect()).as_ref().and_then(data_uri))
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Edit, Error, Reason};
 use crate::gaussians::Gaussians;
+use crate::gaussians::order::{reorder, z_order};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -52,10 +53,10 @@ impl Editor {
     /// Applies an edit; `name` is the user's request, `why` the reason of its removals.
     pub fn apply(&mut self, edit: &Edit, name: &str, why: &str) -> Result<&Step, Error> {
         let before = self.model.len();
-        let order = matches!(edit, Edit::MortonOrder).then(|| super::order::morton(&self.model.means));
+        let order = matches!(edit, Edit::MortonOrder).then(|| z_order(&self.model));
         let kept = match &order {
             Some(order) => {
-                super::order::reorder(&mut self.model, order);
+                reorder(&mut self.model, order);
                 None
             }
             None => edit.apply(&mut self.model)?,

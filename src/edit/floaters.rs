@@ -3,6 +3,7 @@
 use crate::gaussians::{Gaussians, opacity};
 use crate::response::Score;
 use crate::scene::camera::Camera;
+use crate::scene::weighted_quantile;
 use crate::wording::counted;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -132,12 +133,12 @@ impl Evidence {
         assert!(scores.len() == self.sights.len() && model.len() == scores.len(), "one score for each Gaussian");
         let forward = camera.rotation.row(2);
         let depth = |i: usize| forward.dot(DVec3::from_array(model.means[i].map(f64::from))) + camera.translation.z;
-        let mut shown: Vec<(f32, f32)> = (0..scores.len())
+        let mut shown: Vec<(f32, f64)> = (0..scores.len())
             .into_par_iter()
             .filter(|i| scores[*i].contribution > 0.0)
-            .map(|i| (depth(i) as f32, scores[i].contribution))
+            .map(|i| (depth(i) as f32, f64::from(scores[i].contribution)))
             .collect();
-        let Some(median) = weighted_median(&mut shown) else { return };
+        let Some(median) = weighted_quantile(&mut shown, 0.5) else { return };
         self.photos += 1;
         self.sights.par_iter_mut().enumerate().for_each(|(i, sight)| {
             let score = &scores[i];
@@ -206,20 +207,6 @@ impl Evidence {
         };
         self.sights.par_iter().enumerate().map(judge).collect()
     }
-}
-
-/// The value with half of the weight on either side, of (value, weight).
-fn weighted_median(values: &mut [(f32, f32)]) -> Option<f32> {
-    values.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let half = 0.5 * values.iter().map(|v| f64::from(v.1)).sum::<f64>();
-    let mut sum = 0.0;
-    values
-        .iter()
-        .find(|v| {
-            sum += f64::from(v.1);
-            sum >= half
-        })
-        .map(|v| v.0)
 }
 
 /// Neighbours of Gaussians: those that photos see.

@@ -58,6 +58,11 @@ pub fn rounding(model: &Gaussians) -> Option<f64> {
     (near(middle, size) != DVec3::ZERO).then(|| f64::from(f32::EPSILON) * middle.abs().max_element())
 }
 
+/// The warning about a step that [`rounding`] returns; `what` says where the model lies.
+pub fn rounding_warning(what: &str, step: f64) -> String {
+    format!("{what}: its positions are rounded to about {step:.1e} units")
+}
+
 /// The middle of a model's box, and the length of its diagonal.
 fn box_of(model: &Gaussians) -> (DVec3, f64) {
     let (low, high) = model.bounds().unwrap_or_default();

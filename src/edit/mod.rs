@@ -22,7 +22,6 @@ mod editor;
 mod error;
 mod floaters;
 mod merge;
-mod order;
 mod region;
 mod similarity;
 mod transform;
@@ -31,11 +30,12 @@ mod unwanted;
 pub use editor::{Editor, Step};
 pub use error::Error;
 pub use floaters::{Evidence, Reason, Sight, are_many_floaters, floater_warning};
-pub use merge::{common_origin, merge, numbers, rounding};
+pub use merge::{common_origin, merge, numbers, rounding, rounding_warning};
 pub use region::Region;
 pub use similarity::{Similarity, between};
 pub use unwanted::{INVISIBLE, NEEDLE, Unwanted};
 
+use crate::gaussians::order::{reorder, z_order};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 
 /// One edit of a model.
@@ -85,7 +85,7 @@ impl Edit {
         match self {
             Self::Transform(similarity) => transform::transform(model, similarity)?,
             Self::ShDegree(degree) => model.sh.truncate((*degree).min(MAX_SH_DEGREE) + 1),
-            Self::MortonOrder => order::reorder(model, &order::morton(&model.means)),
+            Self::MortonOrder => reorder(model, &z_order(model)),
             _ => {}
         }
         Ok(kept)

@@ -1,6 +1,7 @@
 //! Similarities: rotations, reflections, translations, and uniform scaling.
 
 use super::Error;
+use crate::wording::shown;
 use glam::{DMat3, DQuat, DVec3};
 
 /// Largest difference of a matrix from a similarity, as a share of its scale: files have six digits or more.
@@ -113,8 +114,7 @@ impl Similarity {
     pub fn of_text(text: &str) -> Result<Self, Error> {
         let words = text.split(|c: char| c.is_whitespace() || "[],;".contains(c)).filter(|word| !word.is_empty());
         let number = |word: &str| {
-            let shown: String = word.chars().take(20).flat_map(char::escape_debug).collect();
-            let what = || Error::Numbers(format!("'{shown}' is no number; write 3 or 4 rows of 4 numbers"));
+            let what = || Error::Numbers(format!("'{}' is no number; write 3 or 4 rows of 4 numbers", shown(word, 20)));
             word.parse().map_err(|_| what())
         };
         Self::of_matrix(&words.map(number).collect::<Result<Vec<f64>, _>>()?)
@@ -123,11 +123,6 @@ impl Similarity {
     /// Maps a point in world units.
     pub fn point(&self, x: DVec3) -> DVec3 {
         self.rotation * x * self.scale + self.translation
-    }
-
-    /// True for a reflection.
-    pub fn mirrors(&self) -> bool {
-        self.rotation.determinant() < 0.0
     }
 }
 
@@ -208,7 +203,7 @@ mod tests {
         let off = read.rotation.transpose() * read.rotation - DMat3::IDENTITY;
         assert!(off.to_cols_array().iter().all(|x| x.abs() < 1e-14));
         let mirror = Similarity::of_matrix(&rows(DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)), [0.0; 3])).unwrap();
-        assert!(mirror.mirrors() && !read.mirrors());
+        assert_eq!([mirror, read].map(|map| map.rotation.determinant().signum()), [-1.0, 1.0]);
         let stretched = rows(DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.01)), [0.0; 3]);
         assert!(matches!(Similarity::of_matrix(&stretched), Err(Error::NotSimilar(_))));
         assert!(matches!(Similarity::of_matrix(&[0.0; 12]), Err(Error::NotSimilar(_))));

@@ -2,28 +2,11 @@
 
 use super::{Error, Similarity};
 use crate::gaussians::Gaussians;
-use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
 
 /// Applies a similarity about the world's origin to a model; in float64, rounded once.
 pub(super) fn transform(model: &mut Gaussians, by: &Similarity) -> Result<(), Error> {
-    if by.scale != 1.0 || by.rotation != DMat3::IDENTITY || by.translation != DVec3::ZERO {
-        model.means.par_iter_mut().for_each(|mean| {
-            let moved = by.point(DVec3::from_array(mean.map(f64::from)));
-            *mean = moved.to_array().map(|x| x as f32);
-        });
-    }
-    if by.scale != 1.0 {
-        let more = by.scale.ln();
-        let add = |scale: &mut f32| *scale = (f64::from(*scale) + more) as f32;
-        model.log_scales.par_iter_mut().for_each(|scales| scales.iter_mut().for_each(add));
-    }
-    if by.rotation != DMat3::IDENTITY {
-        // An ellipsoid is its own mirror image through its centre: a mirror turns it as the opposite matrix does.
-        let proper = if by.mirrors() { -by.rotation } else { by.rotation };
-        let turn = DQuat::from_mat3(&proper);
-        model.turn(turn, by.rotation);
-    }
+    model.transform(by.rotation, by.scale, by.translation);
     let finite = |values: &[f32; 3]| values.iter().all(|x| x.is_finite());
     let lost = model.means.par_iter().zip(&model.log_scales).filter(|(mean, scales)| !(finite(mean) && finite(scales)));
     match lost.count() {
@@ -37,6 +20,7 @@ mod tests {
     use super::*;
     use crate::edit::Edit;
     use crate::random::Random;
+    use glam::{DMat3, DQuat, DVec3};
 
     /// The covariance of Gaussian 0.
     fn covariance(model: &Gaussians) -> DMat3 {

@@ -1,6 +1,7 @@
 //! One value for each attribute of a Gaussian: arrays, names, widths, moments, learning rates.
 
 use super::{Gaussians, MAX_SH_DEGREE};
+use bytemuck::Pod;
 use std::convert::Infallible;
 
 /// Largest number of SH bands.
@@ -114,6 +115,13 @@ pub(crate) fn rows<T: Copy, const N: usize>(values: &[T]) -> Vec<[T; N]> {
     values.as_chunks().0.to_vec()
 }
 
+impl<T: Pod> Gaussians<T> {
+    /// The bytes of each attribute, in order; for checksums.
+    pub fn bytes(&self) -> impl Iterator<Item = &[u8]> {
+        self.attributes().into_array().into_iter().map(bytemuck::cast_slice)
+    }
+}
+
 impl<T: Copy> Gaussians<T> {
     /// The numbers of each attribute, Gaussian by Gaussian; empty for bands that the model lacks.
     pub fn attributes(&self) -> Attributes<&[T]> {
@@ -173,6 +181,8 @@ mod tests {
             assert_eq!((model.len(), model.sh.len()), (5, bands));
             assert_eq!(model.attributes().map(<[f32]>::to_vec), attributes);
             assert!(model.validate().is_ok() || bands == 0);
+            let numbers: Vec<f32> = (1..=next as usize).map(|number| number as f32).collect();
+            assert_eq!(model.bytes().collect::<Vec<_>>().concat(), bytemuck::cast_slice::<f32, u8>(&numbers));
         }
     }
 

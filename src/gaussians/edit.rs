@@ -45,14 +45,31 @@ impl Gaussians {
         }
     }
 
-    /// Turns all Gaussians about their centres, and their colours by `matrix`: the same turn, or one that also mirrors.
-    pub(crate) fn turn(&mut self, turn: DQuat, matrix: DMat3) {
-        self.rotations.par_iter_mut().for_each(|rotation| {
-            let [w, x, y, z] = rotation.map(f64::from);
+    /// Applies x -> scale * rotation * x + shift to all Gaussians, including spherical harmonics; in float64, rounded once.
+    /// `rotation` is orthonormal and may mirror; `scale` is above 0.
+    pub(crate) fn transform(&mut self, rotation: DMat3, scale: f64, shift: DVec3) {
+        if scale != 1.0 || rotation != DMat3::IDENTITY || shift != DVec3::ZERO {
+            self.means.par_iter_mut().for_each(|mean| {
+                let moved = rotation * DVec3::from_array(mean.map(f64::from)) * scale + shift;
+                *mean = moved.to_array().map(|x| x as f32);
+            });
+        }
+        if scale != 1.0 {
+            let more = scale.ln();
+            self.log_scales.as_flattened_mut().par_iter_mut().for_each(|s| *s = (f64::from(*s) + more) as f32);
+        }
+        if rotation == DMat3::IDENTITY {
+            return;
+        }
+        // An ellipsoid is its own mirror image through its centre: a mirror turns it as the opposite matrix does.
+        let proper = if rotation.determinant() < 0.0 { -rotation } else { rotation };
+        let turn = DQuat::from_mat3(&proper);
+        self.rotations.par_iter_mut().for_each(|quaternion| {
+            let [w, x, y, z] = quaternion.map(f64::from);
             let turned = turn * DQuat::from_xyzw(x, y, z, w);
-            *rotation = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
+            *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
         });
-        BandRotations::new(matrix).apply(&mut self.sh);
+        BandRotations::new(rotation).apply(&mut self.sh);
     }
 
     /// The model with all lengths times `factor`.
@@ -147,14 +164,18 @@ impl Gaussians {
     /// # Panics
     /// If `i` is not below [`Gaussians::len`].
     pub fn drawable(&self, i: usize) -> bool {
+        self.drawable_turn(i) && self.is_finite(i)
+    }
+
+    /// Whether all values of Gaussian `i` are finite, infinite opacity logits excepted.
+    pub(crate) fn is_finite(&self, i: usize) -> bool {
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
         let band = |(l, band): (usize, &Vec<f32>)| {
             let width = Self::band_width(l);
             band.get(i * width..(i + 1) * width).is_none_or(finite)
         };
-        let turned = self.drawable_turn(i);
         let shaped = finite(&self.means[i]) && finite(&self.log_scales[i]) && finite(&self.rotations[i]);
-        turned && shaped && !self.opacity_logits[i].is_nan() && self.sh.iter().enumerate().all(band)
+        shaped && !self.opacity_logits[i].is_nan() && self.sh.iter().enumerate().all(band)
     }
 
     /// Whether a quaternion is long enough to be a rotation.

@@ -6,6 +6,7 @@ mod bands;
 mod edit;
 mod error;
 pub mod formats;
+pub(crate) mod order;
 pub mod outline;
 pub mod resident;
 pub mod sh;

@@ -2,6 +2,7 @@
 
 use super::{Gaussians, opacity};
 use crate::scene::orbit::Outline;
+use crate::scene::weighted_quantile;
 use glam::DVec3;
 
 /// Number of Gaussians sampled: enough for quantiles, and quick for models of millions.
@@ -22,6 +23,7 @@ pub fn outline(model: &Gaussians, up: DVec3) -> Outline {
     if samples.is_empty() {
         return Outline { centre: DVec3::ZERO, up, rings: vec![(0.0, 1.0)] };
     }
+    let quantile = |mut values: Vec<(f64, f64)>, share: f64| weighted_quantile(&mut values, share).unwrap_or_default();
     let along = |axis: DVec3, among: &[(DVec3, f64)], share: f64| {
         quantile(among.iter().map(|(p, w)| (p.dot(axis), *w)).collect(), share)
     };
@@ -57,20 +59,6 @@ pub fn outline(model: &Gaussians, up: DVec3) -> Outline {
         rings = vec![(0.0, (3.0 * own.exp()).clamp(1e-6, 1e6))];
     }
     Outline { centre, up, rings }
-}
-
-/// The value below which this share of the weight lies; `values` are (value, weight), at least one.
-fn quantile(mut values: Vec<(f64, f64)>, share: f64) -> f64 {
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let total: f64 = values.iter().map(|v| v.1).sum();
-    let mut sum = 0.0;
-    for (value, weight) in &values {
-        sum += weight;
-        if sum >= share * total {
-            return *value;
-        }
-    }
-    values.last().map_or(0.0, |v| v.0)
 }
 
 #[cfg(test)]

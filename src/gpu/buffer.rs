@@ -3,7 +3,8 @@
 use super::context::Context;
 use super::device::Device;
 use super::error::{During, Error};
-use super::harness::red_zone::{self, Guarded};
+use super::harness::red_zone;
+use super::lock::lock;
 use super::memory;
 use ash::vk;
 use bytemuck::Pod;
@@ -28,8 +29,8 @@ pub(super) struct Storage {
     pub raw: vk::Buffer,
     pub number: u64,
     pub bytes: u64,
-    /// Bytes behind the contents that no kernel may touch; 0 without guards.
-    pub red_zone: u64,
+    /// Number of bytes behind the contents that no kernel may touch; 0 without guards.
+    red_zone: u64,
     pub name: String,
     allocation: Option<Allocation>,
     /// Stands in for mapped memory when nothing runs; takes no device memory.
@@ -59,7 +60,7 @@ impl RawBuffer {
             });
         }
         context.memory.reserve(name, size)?;
-        context.counters.buffers.fetch_add(1, Ordering::Relaxed);
+        lock(&context.traffic).buffers += 1;
         let guarded = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && context.guards.is_some();
         // A guarded buffer is read and written by the host.
         let (red_zone, location) = if guarded { (red_zone::BYTES, MemoryLocation::GpuToCpu) } else { (0, location) };
@@ -169,18 +170,9 @@ impl Storage {
     pub fn mapped(&self) -> &[u8] {
         self.allocation.as_ref().and_then(Allocation::mapped_slice).unwrap_or(&self.pretended)
     }
-}
 
-impl Guarded for Storage {
-    fn number(&self) -> u64 {
-        self.number
-    }
-
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn red_zone(&self) -> &[u8] {
+    /// The bytes behind the contents.
+    pub fn red_zone(&self) -> &[u8] {
         let zone = self.bytes as usize..(self.bytes + self.red_zone) as usize;
         self.mapped().get(zone).unwrap_or_default()
     }

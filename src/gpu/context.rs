@@ -16,7 +16,7 @@ use super::options::DeviceOptions;
 use super::pace::{self, Pace};
 use super::pipeline::Pipelines;
 use super::queue::Queue;
-use super::traffic::Counters;
+use super::traffic::Traffic;
 use gpu_allocator::vulkan::AllocatorCreateDesc;
 use std::mem::ManuallyDrop;
 use std::sync::Mutex;
@@ -28,7 +28,7 @@ pub(super) struct Context {
     pub pipelines: Pipelines,
     pub frames: Frames,
     pub hazards: Mutex<Hazards>,
-    pub counters: Counters,
+    pub traffic: Mutex<Traffic>,
     /// The limit on the length of submissions.
     pub pace: Option<Pace>,
     pub guards: Option<Guards>,
@@ -70,7 +70,7 @@ impl Context {
             pipelines: Pipelines::new(raw, candidate.pipeline_cache_uuid)?,
             frames: Frames::default(),
             hazards: Mutex::default(),
-            counters: Counters::default(),
+            traffic: Mutex::default(),
             pace: options.max_submission.or_else(|| pace::usual(info.kind)).map(Pace::new),
             guards: options.harness.guarded.then(Guards::default),
             disorder: options.harness.order.map(Disorder::new),

@@ -5,6 +5,7 @@ use super::context::Context;
 use super::error::Error;
 use super::info::{DeviceInfo, Feature};
 use super::instance;
+use super::lock::lock;
 use super::traffic::Traffic;
 use super::tuning::Tuning;
 use super::tuning::choice::TuningChoice;
@@ -104,7 +105,7 @@ impl Device {
 
     /// The host's requests to the device so far.
     pub fn traffic(&self) -> Traffic {
-        self.context.counters.read()
+        *lock(&self.context.traffic)
     }
 
     /// Checks that `bytes` more stay within [`Device::memory_limit`], for steps that must not fail half-way.

@@ -2,6 +2,7 @@
 #![allow(unsafe_code)] // Vulkan is called from this floor alone; each block states its invariant.
 
 mod buffer;
+mod cache;
 mod choose;
 mod compiled;
 mod context;
@@ -52,7 +53,7 @@ pub use options::{DeviceOptions, Milliseconds};
 pub use profiler::Timings;
 pub use readback::Readback;
 pub use recording::{Groups, Recording};
-pub use shader::{Access, BindingInfo, Shader};
+pub use shader::{Access, Shader};
 pub use staging::staging_bytes;
 pub use submit::Ticket;
 pub use traffic::Traffic;

@@ -1,5 +1,6 @@
 //! Pipelines, and their cache on disk.
 
+use super::cache;
 use super::compiled::Compiled;
 use super::descriptors::Layouts;
 use super::error::{During, Error};
@@ -218,14 +219,7 @@ impl Pipelines {
             return;
         }
         // Failing to write the cache only costs the next start some time.
-        let temporary = file.with_extension(std::process::id().to_string());
-        let saved = file
-            .parent()
-            .map_or(Ok(()), std::fs::create_dir_all)
-            .and_then(|()| std::fs::write(&temporary, &stored))
-            .and_then(|()| std::fs::rename(&temporary, file));
-        if let Err(e) = saved {
-            let _ = std::fs::remove_file(&temporary);
+        if let Err(e) = cache::replace(file, &stored) {
             tracing::debug!("the pipeline cache was not saved: {e}");
         }
     }

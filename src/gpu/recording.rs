@@ -117,11 +117,11 @@ impl Command {
         uses.clear();
         match self {
             Self::Dispatch(dispatch) => {
-                for (buffer, binding) in arguments.buffers(dispatch).iter().zip(dispatch.shader.bindings) {
-                    if binding.access != Access::Write {
+                for (buffer, access) in arguments.buffers(dispatch).iter().zip(dispatch.shader.bindings) {
+                    if *access != Access::Write {
                         uses.push((buffer.number(), Use::KernelRead));
                     }
-                    if binding.access != Access::Read {
+                    if *access != Access::Read {
                         uses.push((buffer.number(), Use::KernelWrite));
                     }
                 }

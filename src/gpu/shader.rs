@@ -11,15 +11,6 @@ pub enum Access {
     ReadWrite,
 }
 
-/// One binding of a shader.
-#[derive(Clone, Copy, Debug)]
-pub struct BindingInfo {
-    /// Its name in the shader.
-    pub name: &'static str,
-    /// The kernel's access to it.
-    pub access: Access,
-}
-
 /// A compute shader: SPIR-V and its reflection.
 #[derive(Debug)]
 pub struct Shader {
@@ -27,8 +18,8 @@ pub struct Shader {
     pub name: &'static str,
     /// The module, little-endian words.
     pub spirv: &'static [u8],
-    /// Bindings 0, 1, ...
-    pub bindings: &'static [BindingInfo],
+    /// The kernel's access to bindings 0, 1, ...
+    pub bindings: &'static [Access],
     /// Bytes of push constants.
     pub push_size: u32,
     /// Identifiers of the specialization constants, in the order of [`super::Kernel::constants`].

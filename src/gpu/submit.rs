@@ -14,7 +14,6 @@ use super::recording::Recording;
 use ash::vk;
 use bytemuck::Pod;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 /// Pending work. Dropping it waits.
 pub struct Ticket {
@@ -34,7 +33,7 @@ impl Device {
             return Ok(Timings::default());
         }
         let ticket = self.submit(recording)?;
-        self.context().counters.round_trips.fetch_add(1, Ordering::Relaxed);
+        lock(&self.context().traffic).round_trips += 1;
         ticket.wait()
     }
 
@@ -88,7 +87,7 @@ impl Device {
                 // the queue is locked for the call.
                 unsafe { context.queue.submit(&context.logical.raw, *queue, *commands, fence) }
                     .during("queue submit")?;
-                context.counters.submissions.fetch_add(1, Ordering::Relaxed);
+                lock(&context.traffic).submissions += 1;
                 under_way = true;
             }
             Ok(encoded)

@@ -41,7 +41,7 @@ impl Work {
             Command::Dispatch(dispatch) => {
                 let sum = |unwanted: Access| {
                     let bound = arguments.buffers(dispatch).iter().zip(dispatch.shader.bindings);
-                    let counted = bound.filter(|(_, b)| b.access != unwanted);
+                    let counted = bound.filter(|(_, access)| **access != unwanted);
                     counted.map(|(buffer, _)| buffer.bytes()).sum()
                 };
                 Self { dispatches: 1, read: sum(Access::Write), written: sum(Access::Read), ..Self::default() }

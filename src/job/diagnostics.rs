@@ -64,11 +64,6 @@ struct Notes {
     crc32: u32,
 }
 
-/// Checksum of all that a model holds.
-fn identity(model: &Gaussians) -> u32 {
-    crc32(model.attributes().into_array().map(cast_slice::<f32, u8>))
-}
-
 /// Whether a view shows Gaussian `i`.
 fn seen(Responses { channels, scores, .. }: &Responses, i: usize) -> bool {
     channels.get(i).is_some_and(|row| row.iter().any(|x| *x != 0.0))
@@ -128,7 +123,7 @@ impl Diagnostics {
     pub fn write(&self, path: &Path, model: &Gaussians) -> Result<(), Error> {
         let encoding = |e: &dyn std::fmt::Display| Error::encoding("the diagnostics", e);
         let sum = crc32(self.records().into_iter().map(|(_, _, bytes)| bytes));
-        let notes = Notes { selector: self.selector, gaussians: model.len(), model: identity(model), crc32: sum };
+        let notes = Notes { selector: self.selector, gaussians: model.len(), model: crc32(model.bytes()), crc32: sum };
         let notes = serde_json::to_string(&notes).map_err(|e| encoding(&e))?;
         let tensor = |(name, dtype, bytes)| Ok((name, TensorView::new(dtype, vec![model.len()], bytes)?));
         let tensors: Result<Vec<_>, safetensors::SafeTensorError> = self.records().into_iter().map(tensor).collect();
@@ -157,7 +152,7 @@ impl Diagnostics {
         if n != given {
             return Err(format!("it is of another model: of {n} Gaussians, and this one has {given}"));
         }
-        if notes.model != identity(model) {
+        if notes.model != crc32(model.bytes()) {
             return Err(format!("it is of another model, which also has {n} Gaussians"));
         }
         let file = SafeTensors::deserialize(bytes).map_err(|e| format!("it is no whole safetensors file: {e}"))?;

@@ -19,4 +19,4 @@ pub use error::{Error, Relief};
 pub use exit::Exit;
 pub use output::Output;
 pub use session::{Session, host_bytes};
-pub use watcher::{Silent, Watcher};
+pub use watcher::{Silent, Stage, Watcher};

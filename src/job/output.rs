@@ -2,7 +2,7 @@
 
 use crate::gaussians::formats;
 use crate::job::Error;
-use fs4::{FileExt, TryLockError};
+use crate::lock::{Attempt, attempt};
 use serde::Serialize;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -54,10 +54,10 @@ impl Output {
     pub fn claim(folder: &Path) -> Result<Self, Error> {
         let output = Self::new(folder)?;
         let Ok(lock) = lockable(folder) else { return Ok(output) };
-        match FileExt::try_lock(&lock) {
-            Err(TryLockError::WouldBlock) => Err(Error::Busy(folder.to_owned())),
-            Err(TryLockError::Error(_)) => Ok(output),
-            Ok(()) => Ok(Self { _lock: Some(lock), ..output }),
+        match attempt(&lock) {
+            Ok(Attempt::Busy) => Err(Error::Busy(folder.to_owned())),
+            Ok(Attempt::WithoutLocks) | Err(_) => Ok(output),
+            Ok(Attempt::Locked) => Ok(Self { _lock: Some(lock), ..output }),
         }
     }
 

@@ -56,7 +56,7 @@ pub struct RunLog {
 }
 
 impl RunLog {
-    /// Opens the log of a run that goes on after `iteration`: earlier lines stay, others go.
+    /// Opens the log of a run that continues after `iteration`: earlier lines stay, others go.
     pub fn open(path: &Path, iteration: u32) -> Result<Self, Error> {
         let before = if iteration == 0 { Vec::new() } else { std::fs::read(path).unwrap_or_default() };
         let stays =

@@ -1,13 +1,19 @@
 //! JSON documents that end with a checksum of what comes before it.
 
 use crate::checksum::crc32;
+use serde::Serialize;
 use serde_json::Value;
 
 /// The fault of a file whose content does not have its checksum.
 pub const DAMAGED: &str = "its checksum does not match its content: it is damaged";
 
+/// A document as its text has it: a float32 of 0.1 is 0.1, not 0.10000000149011612.
+pub fn value(document: &impl Serialize) -> serde_json::Result<Value> {
+    serde_json::from_str(&serde_json::to_string(document)?)
+}
+
 /// CRC-32 of a document, whatever its white space.
-pub fn checksum(document: &Value) -> u32 {
+fn checksum(document: &Value) -> u32 {
     crc32([document.to_string().as_bytes()])
 }
 

@@ -6,13 +6,37 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
 use crate::job::Error;
 use crate::train::{Progress, Trainer};
+use crate::wording::named;
+
+named! {
+    /// A part of a job that is done in steps. Training has a method of its own, because it has a loss.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Stage {
+        /// Photos are decoded.
+        Photos = "photos",
+        /// The responses of views are computed.
+        Responses = "responses",
+        /// Held-out views are scored.
+        Scores = "scores",
+        /// Files are tried in a search for one of a wanted size or PSNR; their total is a guess.
+        Files = "files",
+        /// Pictures are drawn and written.
+        Rendering = "rendering",
+        /// Frames of a video are read.
+        Frames = "frames",
+        /// Features of photos are found.
+        Features = "features",
+        /// Pairs of photos are matched.
+        Matches = "matches",
+        /// Poses of photos are estimated.
+        Poses = "poses",
+    }
+}
 
 /// Follows a job; every method has a default.
 pub trait Watcher {
-    /// Steps of this stage of estimating poses that are done, and their total.
-    fn posing(&self, _stage: &'static str, _done: usize, _total: usize) {}
-    /// Photos decoded so far, and their total.
-    fn loading(&self, _done: usize, _total: usize) {}
+    /// Steps of a stage that are done, and their total.
+    fn progress(&self, _stage: Stage, _done: usize, _total: usize) {}
     /// Progress of training, and the iteration at which it ends.
     fn training(&self, _progress: &Progress, _until: u32) {}
     /// A line of the run's log.
@@ -27,18 +51,10 @@ pub trait Watcher {
     fn checkpoint(&self) -> bool {
         false
     }
-    /// Views whose responses are computed so far, and their total.
-    fn responding(&self, _done: usize, _total: usize) {}
     /// Called after each prune: the model before it, how that has to be drawn, and what became of its Gaussians.
     fn pruned(&self, _before: &Gaussians, _mode: RenderMode, _diagnostics: &Diagnostics) -> Result<(), Error> {
         Ok(())
     }
-    /// Held-out views scored so far, and their total.
-    fn evaluating(&self, _done: usize, _total: usize) {}
-    /// Files tried so far in a search for one of a wanted size or PSNR, and about how many there will be.
-    fn trying(&self, _done: usize, _total: usize) {}
-    /// Pictures written so far, and their total.
-    fn rendering(&self, _done: usize, _total: usize) {}
     /// A line for the user.
     fn note(&self, _line: &str) {}
     /// Returns true to end early; training then writes a checkpoint first.

@@ -19,7 +19,7 @@ use crate::job::records::{
 };
 use crate::job::run_log::{LogLine, LoggedRates, RunLog};
 use crate::job::session::Session;
-use crate::job::{Error, Silent};
+use crate::job::{Error, Silent, Stage};
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::train::loss::Weights;
@@ -318,7 +318,7 @@ impl<'a> ActiveRun<'a> {
         }
         prepared.write(&output.model(), &model, config.style.mode())?;
         let mut follow = |done: usize| {
-            watcher.evaluating(done, prepared.test.len());
+            watcher.progress(Stage::Scores, done, prepared.test.len());
             Ok(())
         };
         let cleaned = floaters.as_ref().map(|(_, cleaned)| cleaned);

@@ -80,7 +80,7 @@ pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start
     check(device, "the run", expected, size, needed(expected), relief)
 }
 
-/// Bytes of device memory that the run of a block will need, which begins or goes on with `snapshot`.
+/// Bytes of device memory that the run of a block will need, which begins with or continues from `snapshot`.
 ///
 /// # Errors
 /// [`Error::Memory`] if the device allows less.

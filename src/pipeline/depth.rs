@@ -4,8 +4,8 @@ use std::path::Path;
 
 use glam::DVec3;
 use image::{ColorType, ImageEncoder, codecs::png};
-use npyz::WriterBuilder;
 
+use super::evaluate::pictures;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::write_atomically;
 use crate::gaussians::resident::Resident;
@@ -116,13 +116,8 @@ impl Depths {
     pub fn write(&self, picture: &Path, unit: f64) -> Result<(), Error> {
         for (name, depths) in [("depth", &self.expected), ("median", &self.median)] {
             let file = |extension: &str| picture.with_extension(format!("{name}.{extension}"));
-            write_atomically(&file("npy"), |out| {
-                let shape = [u64::from(self.height), u64::from(self.width)];
-                let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(out).begin_nd()?;
-                writer.extend(depths.iter().copied())?;
-                writer.finish()
-            })
-            .map_err(Error::writing)?;
+            let shape = [u64::from(self.height), u64::from(self.width)];
+            write_atomically(&file("npy"), |out| pictures::npy(out, &shape, depths)).map_err(Error::writing)?;
             let steps = depths.iter().flat_map(|depth| step(*depth, unit).to_ne_bytes());
             let bytes: Vec<u8> = steps.collect();
             write_atomically(&file("png"), |out| {

@@ -6,11 +6,11 @@ use super::evaluate::{Assessment, Evaluator, HeldOut, camera_errors, protocol};
 use super::prepare::{Prepared, open, refuse_photo_folders};
 use super::virtual_views::{ALL, OwnPictures, VirtualCameras};
 use crate::gaussians::Gaussians;
-use crate::job::Error;
 use crate::job::config::Selection;
 use crate::job::output::Output;
 use crate::job::records::{RunRecord, Times};
 use crate::job::session::Session;
+use crate::job::{Error, Stage};
 use crate::render::{Settings, Source, Style};
 use crate::scene::camera;
 use std::path::Path;
@@ -109,7 +109,7 @@ fn assess(
     let mut evaluator = Evaluator::of(device, settings, model, prepared.views())?;
     evaluator.compare_as(evaluation.exposure);
     let mut follow = |done: usize| {
-        watcher.evaluating(done, prepared.test.len());
+        watcher.progress(Stage::Scores, done, prepared.test.len());
         watcher.unless_stopped()
     };
     let mut assessment = evaluator.assess(model, prepared, renders, networks, &mut follow)?;
@@ -135,7 +135,7 @@ pub fn against(
     let settings = Settings { near: settings.near, ..style.over(background) };
     let mut evaluator = Evaluator::of(device, settings, shown.source(), test.iter().map(|(_, view)| view))?;
     let held_out = evaluator.held_out(shown.source(), &test, None, networks, &mut |done| {
-        watcher.evaluating(done, test.len());
+        watcher.progress(Stage::Scores, done, test.len());
         watcher.unless_stopped()
     })?;
     held_out.warn(watcher);

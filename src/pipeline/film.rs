@@ -2,6 +2,7 @@
 
 use super::evaluate::pictures::Format;
 use super::render::{RenderConfig, RenderTimes, Shot, frame_digits, frames, render};
+use crate::extension::folder_of;
 use crate::gaussians::Gaussians;
 use crate::job::Error;
 use crate::job::session::Session;
@@ -25,7 +26,7 @@ pub fn film(
 ) -> Result<RenderTimes, Error> {
     run(&["-version".to_owned()], Path::new("."), file)?;
     let unwritten = |source| Error::Write { path: file.to_owned(), source };
-    let folder = file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(file);
     std::fs::create_dir_all(folder).map_err(unwritten)?;
     let work = tempfile::Builder::new().prefix(".film-").tempdir_in(folder).map_err(unwritten)?;
     let config = RenderConfig { format: Format::Png, transparent: false, ..*config };

@@ -11,7 +11,7 @@ use crate::gaussians::Gaussians;
 use crate::job::Error;
 use crate::job::config::{Pruning, Selection};
 use crate::job::session::Session;
-use crate::job::watcher::Silent;
+use crate::job::watcher::{Silent, Stage};
 use crate::render::{Settings, Source, Style};
 use crate::response::{Responses, Wanted};
 use crate::scene::Photo;
@@ -106,7 +106,7 @@ fn add(
     (number, seen): (usize, &Responses),
 ) -> Result<(), Error> {
     evidence.add(model, &photos[number].camera, &seen.scores);
-    session.watcher.responding(number + 1, photos.len());
+    session.watcher.progress(Stage::Responses, number + 1, photos.len());
     session.watcher.unless_stopped()
 }
 
@@ -132,7 +132,7 @@ pub fn by_own_pictures(
         let one = std::slice::from_ref(camera);
         let seen = virtual_views::responses(&quiet, shown.source(), (one, None), settings, Wanted::SCORES)?;
         evidence.add(model, camera, &seen.scores);
-        session.watcher.responding(number + 1, cameras.len());
+        session.watcher.progress(Stage::Responses, number + 1, cameras.len());
         session.watcher.unless_stopped()?;
     }
     Ok(evidence.floaters(model))

@@ -4,8 +4,8 @@ use super::draw_source::DrawSource;
 use super::evaluate::pictures;
 use super::render::{RenderConfig, RenderTimes};
 use crate::gaussians::Gaussians;
-use crate::job::Error;
 use crate::job::session::Session;
+use crate::job::{Error, Stage};
 use crate::render::{Image, Painter};
 use crate::scene::camera::Camera;
 use glam::{DVec2, DVec3};
@@ -111,12 +111,12 @@ pub fn draw(
     let begun = Instant::now();
     let mut pictures = Vec::with_capacity(faces.len());
     for (done, face) in faces.iter().enumerate() {
-        session.watcher.rendering(done, faces.len());
+        session.watcher.progress(Stage::Rendering, done, faces.len());
         session.watcher.unless_stopped()?;
         pictures.push(painter.render(shown.source(), face)?);
     }
     let draw_s = begun.elapsed().as_secs_f64();
-    session.watcher.rendering(faces.len(), faces.len());
+    session.watcher.progress(Stage::Rendering, faces.len(), faces.len());
     pictures::write(file, &panorama.gather(&faces, &pictures), config.format, config.transparent)?;
     Ok(RenderTimes { total_s: begun.elapsed().as_secs_f64(), draw_s })
 }

@@ -2,11 +2,12 @@
 
 use super::depth_maps::{self, DepthMaps};
 use crate::effects::DepthEvidence;
+use crate::extension::folder_of;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode, crc32};
 use crate::job::Error;
 use crate::job::config::Selection;
-use crate::job::watcher::Watcher;
+use crate::job::watcher::{Stage, Watcher};
 use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, LoadOptions, Photo, PhotoMemory, Resize, Scene, View};
@@ -109,7 +110,7 @@ impl Prepared {
 /// # Errors
 /// [`Error::AmongPhotos`] for the first one.
 pub fn refuse_photo_folders<'a>(scene: &Scene, files: impl Iterator<Item = &'a PathBuf>) -> Result<(), Error> {
-    let folder = |p: &Path| p.parent().and_then(|p| std::fs::canonicalize(p).ok());
+    let folder = |p: &Path| std::fs::canonicalize(folder_of(p)).ok();
     let photos = scene.views.iter().flat_map(|v| [Some(v.image.as_path()), v.mask.as_deref()]).flatten();
     let photos: HashSet<PathBuf> = photos.filter_map(folder).collect();
     let among = |file: &&PathBuf| folder(file).is_some_and(|f| photos.contains(&f));
@@ -296,7 +297,7 @@ impl Opened {
         let Self { mut scene, resize, selection, required, depths: (maps, points) } = self;
         let options = LoadOptions { memory, ..selection.load_options(resize) };
         let total = scene.views.len();
-        let mut photos = scene.load_photos(&options, &|done| watcher.loading(done, total))?;
+        let mut photos = scene.load_photos(&options, &|done| watcher.progress(Stage::Photos, done, total))?;
         watcher.unless_stopped()?;
         depth_maps::colour(&mut scene, points, &photos);
         for (photo, view) in photos.iter_mut().zip(&scene.views) {

@@ -6,8 +6,8 @@ use super::evaluate::pictures::{self, Format};
 use super::prepare::refuse_photo_folders;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
-use crate::job::Error;
 use crate::job::session::Session;
+use crate::job::{Error, Stage};
 use crate::render::{Image, Painter, Settings};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Framing, Look};
@@ -18,7 +18,7 @@ use std::time::Instant;
 
 /// Ratio of a model's own near plane to the usual one from which on the own one counts.
 const VERY_LARGE: f32 = 2.5;
-/// Near plane of an orbit's pictures, as a share of the camera's distance.
+/// Near plane of an orbit's pictures and of virtual views, as a share of the camera's distance.
 const NEAR: f64 = 0.02;
 
 /// The near plane of a camera at this distance from a model, in world units: the usual one unless the model is small, for which
@@ -135,7 +135,7 @@ pub fn render(
     let begun = Instant::now();
     let (mut draw_s, mut empty) = (0.0, 0_usize);
     for (done, shot) in shots.iter().enumerate() {
-        session.watcher.rendering(done, shots.len());
+        session.watcher.progress(Stage::Rendering, done, shots.len());
         session.watcher.unless_stopped()?;
         let started = Instant::now();
         let image = painter.render(shown.source(), &shot.camera)?;
@@ -143,7 +143,7 @@ pub fn render(
         empty += usize::from(image.pixels.iter().all(|p| p[3] <= 0.0));
         pictures::write(&shot.path, &image, config.format, config.transparent)?;
     }
-    session.watcher.rendering(shots.len(), shots.len());
+    session.watcher.progress(Stage::Rendering, shots.len(), shots.len());
     let whole = shown.is_whole();
     drop((painter, shown));
     if config.depth {

@@ -3,11 +3,12 @@
 use super::evaluate::pictures::byte;
 use super::evaluate::rgb;
 use super::pair_capacity;
+use super::render::near_at;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::gpu::{Buffer, Device, Recording};
-use crate::job::Error;
 use crate::job::session::Session;
+use crate::job::{Error, Stage};
 use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
 use crate::response::{self, HighPass, Responses, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
@@ -23,8 +24,6 @@ const ELEVATIONS: RangeInclusive<f64> = -0.35..=1.22;
 const FIELD_OF_VIEW: f64 = 0.7;
 /// Turn from one camera to the next, as a share of a full turn: the golden angle, which never repeats a direction.
 const TURN: f64 = 0.381_966_011_250_105;
-/// Near plane, as a share of the camera's distance.
-const NEAR: f64 = 0.02;
 /// Every eighth view is held out, as of photos.
 const HOLD_OUT: usize = 8;
 
@@ -57,15 +56,14 @@ impl VirtualCameras {
 
     /// Cameras all around the model, and the settings of rendering in a style over a background of red, green and blue.
     pub fn views(&self, model: &Gaussians, background: [f32; 3], style: Style) -> (Vec<Camera>, Settings) {
-        let (cameras, near) = self.cameras(model);
+        let (cameras, nearest) = self.cameras(model);
         let settings = style.over(background);
         // A model in small units must not lie in front of the near plane.
-        let near = if near as f32 > 2.5 * settings.near { near as f32 } else { settings.near.min(near as f32) };
-        (cameras, Settings { near, ..settings })
+        (cameras, Settings { near: near_at(settings.near, nearest), ..settings })
     }
 
     /// Cameras spread evenly over a band of a sphere around the model, each near enough to fill its picture; and the
-    /// near plane that suits them.
+    /// least distance of a camera from the model's centre.
     fn cameras(&self, model: &Gaussians) -> (Vec<Camera>, f64) {
         let outline = outline(model, self.up);
         let mut nearest = f64::INFINITY;
@@ -81,7 +79,7 @@ impl VirtualCameras {
                 camera
             })
             .collect();
-        (cameras, NEAR * nearest)
+        (cameras, nearest)
     }
 }
 
@@ -144,7 +142,7 @@ pub fn responses<'m>(
     let Session { device, watcher, .. } = *session;
     let model = model.into();
     let follow = |done: usize| {
-        watcher.responding(done, cameras.len());
+        watcher.progress(Stage::Responses, done, cameras.len());
         watcher.unless_stopped()
     };
     let wanted = Wanted { residual: false, ..wanted };
@@ -185,8 +183,8 @@ mod tests {
         }
         for up in [DVec3::NEG_Y, DVec3::Z] {
             let asked = VirtualCameras { views: 48, size: (80, 60), up };
-            let (cameras, near) = asked.cameras(&model);
-            assert!(cameras.len() == 48 && near > 0.0);
+            let (cameras, nearest) = asked.cameras(&model);
+            assert!(cameras.len() == 48 && nearest > 0.0);
             let centre = DVec3::new(3.0, 0.3, -2.0);
             let directions: Vec<DVec3> = cameras.iter().map(|c| (c.centre() - centre).normalize()).collect();
             let mean: DVec3 = directions.iter().sum::<DVec3>() / 48.0;
@@ -199,7 +197,7 @@ mod tests {
             for camera in &cameras {
                 let seen = camera.rotation * centre + camera.translation;
                 let pixel = seen.truncate() / seen.z * camera.focal;
-                assert!(seen.z > near && pixel.length() < 20.0, "{pixel}");
+                assert!(seen.z > 0.5 * nearest && pixel.length() < 20.0, "{pixel}");
             }
         }
     }

@@ -4,7 +4,7 @@ use super::child::{self, Output, Said};
 use super::folder::Folder;
 use super::parts;
 use super::rig::{self, Rig};
-use super::{FEATURES, MATCHES, Matching, POSES, Watcher};
+use super::{Matching, Stage, Watcher};
 use crate::job::Error;
 use crate::job::session::host_bytes;
 use crate::scene::CameraKind;
@@ -95,7 +95,7 @@ impl Colmap<'_> {
                 let arguments = extractor.features(folder, (&list, lens.as_deref()), step);
                 self.call(&arguments, &mut |line| {
                     if let Some((n, _)) = counted(line) {
-                        self.watcher.posing(FEATURES, done + n, total);
+                        self.watcher.progress(Stage::Features, done + n, total);
                     }
                 })?;
                 folder.featured()?;
@@ -113,7 +113,7 @@ impl Colmap<'_> {
         let arguments = self.known(command)?.matches(command, folder);
         self.call(&arguments, &mut |line| {
             if let Some((n, of)) = counted(line) {
-                self.watcher.posing(MATCHES, n, of);
+                self.watcher.progress(Stage::Matches, n, of);
             }
         })?;
         folder.matched(matching)
@@ -131,7 +131,7 @@ impl Colmap<'_> {
         let ended = self.call(&arguments, &mut |line| {
             placed += usize::from(line.contains("Registering image"));
             nothing |= line.to_lowercase().contains("failed to create sparse model");
-            self.watcher.posing(POSES, placed.min(total - 1), total);
+            self.watcher.progress(Stage::Poses, placed.min(total - 1), total);
         });
         // It fails where it finds no pose, which is told with all that it found.
         if nothing && matches!(ended, Err(Error::Program { .. })) { Ok(()) } else { ended }

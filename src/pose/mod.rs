@@ -11,7 +11,7 @@ mod rig;
 mod source;
 mod video;
 
-use crate::job::{Error, Watcher};
+use crate::job::{Error, Stage, Watcher};
 use crate::scene::Names;
 use folder::Folder;
 use serde::{Deserialize, Serialize};
@@ -21,10 +21,6 @@ use std::path::{Path, PathBuf};
 pub use rig::Rig;
 pub use source::is_video;
 
-/// The stages of COLMAP, as the progress bar calls them.
-const FEATURES: &str = "features";
-const MATCHES: &str = "matches";
-const POSES: &str = "poses";
 /// Minimum number of photos with poses for a scene.
 const FEWEST: usize = 3;
 /// Smallest share of the photos that must get poses, and the share below which the user is warned.
@@ -97,8 +93,7 @@ impl Posed {
                 &format!("; {photos} make a part of their own, not connected with the scene ({})", folder.display());
         }
         if self.nowhere.count > 0 {
-            let more = if self.nowhere.count > self.nowhere.examples.len() { ", ..." } else { "" };
-            line += &format!("; {} are in no part: {}{more}", self.nowhere.count, self.nowhere.examples.join(", "));
+            line += &format!("; {} are in no part: {}", self.nowhere.count, self.nowhere);
         }
         line
     }
@@ -109,7 +104,7 @@ impl Posed {
 /// an interrupted job resumes where it stopped.
 ///
 /// # Errors
-/// [`Error::NoProgram`]; [`Error::Usage`] for subfolders with OpenMVG-rs, or a rig that is not there; [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::NotOurs`] for a folder
+/// [`Error::NoProgram`]; [`Error::Usage`] for subfolders or panoramas with OpenMVG-rs, or a rig that is not there; [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::NotOurs`] for a folder
 /// that holds something else; [`Error::Interrupted`]; files that cannot be read or written.
 pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher) -> Result<Posed, Error> {
     let source = Source::of(input, options.frames);
@@ -120,6 +115,11 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
         return Ok(posed);
     }
     let backend = options.backend.installed()?;
+    if backend == Backend::Openmvg && options.panoramas {
+        let what = "--panoramas: OpenMVG-rs reads one folder, and the faces of panoramas lie in six; install COLMAP, and use \
+                    --poses colmap";
+        return Err(Error::Usage(what.to_owned()));
+    }
     if backend == Backend::Openmvg && source.is_nested() {
         return Err(Error::Usage(format!(
             "OpenMVG-rs reads one folder, and {} has photos in subfolders; use --poses colmap, or put all photos into one folder",
@@ -152,7 +152,7 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
             colmap::run(&mut folder, (options.matching.of(&source, photos), rig.as_ref()), watcher)?;
         }
     }
-    watcher.posing(POSES, photos, photos);
+    watcher.progress(Stage::Poses, photos, photos);
     let posed = parts::choose(&folder)?;
     folder.finish(&posed)?;
     Ok(posed)

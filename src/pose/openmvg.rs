@@ -2,7 +2,7 @@
 
 use super::child::{self, Output};
 use super::folder::Folder;
-use super::{POSES, Watcher};
+use super::{Stage, Watcher};
 use crate::job::Error;
 
 /// The program.
@@ -14,6 +14,6 @@ pub(super) fn run(folder: &Folder, watcher: &dyn Watcher) -> Result<(), Error> {
     // Photos without EXIF data share a camera by size, as COLMAP's do here.
     let fixed = ["--colmap", "--share-intrinsics", "--no-progress", "--output"].map(ToOwned::to_owned);
     let arguments = [&[path(folder.images())], &fixed[..], &[path(folder.models())]].concat();
-    watcher.posing(POSES, 0, folder.photos().len());
+    watcher.progress(Stage::Poses, 0, folder.photos().len());
     child::run((PROGRAM, &arguments), Output::Text, &folder.log(), watcher, &mut |_| ())
 }

@@ -6,6 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use glam::DQuat;
+use image::ImageFormat;
 use image::codecs::jpeg::JpegEncoder;
 use serde_json::json;
 
@@ -18,6 +19,8 @@ use crate::scene::{AlphaRole, CameraKind, LoadOptions, Photo, View, load_photos}
 
 /// The face that the others are placed by.
 const FRONT: &str = "front";
+/// Extensions of JPEG files, whose faces are JPEG files; those of other photos are PNG files.
+const JPEG: [&str; 4] = ["jpg", "jpeg", "jpe", "jfif"];
 /// Quality of JPEG files.
 const QUALITY: u8 = 95;
 
@@ -48,7 +51,7 @@ pub(super) fn cut(folder: &Folder, names: &[String], watcher: &dyn Watcher) -> R
         let photos =
             load_photos(&views, &LoadOptions { alpha: Some(false), ..LoadOptions::default() }, &|_| ())?.photos;
         for ((face, _), photo) in faces.iter().zip(photos) {
-            let name = format!("{face}/{name}");
+            let name = face_name(face, name);
             write(&folder.images().join(&name), &folder.masks().join(Path::new(&name).with_extension("png")), &photo?)?;
             made.push(name);
         }
@@ -60,7 +63,13 @@ pub(super) fn cut(folder: &Folder, names: &[String], watcher: &dyn Watcher) -> R
     Ok(made)
 }
 
-/// Writes a face, and its mask if it has one.
+/// The name of a face of the photo `name`: `front/a.jpg` of `a.jpg`, and `front/a.exr.png` of `a.exr`.
+fn face_name(face: &str, name: &str) -> String {
+    let is_kept = has_extension(Path::new(name), &JPEG) || has_extension(Path::new(name), &["png"]);
+    if is_kept { format!("{face}/{name}") } else { format!("{face}/{name}.png") }
+}
+
+/// Writes a face as a JPEG file if its name is that of one, else as a PNG file, and its mask if it has one.
 fn write(file: &Path, mask: &Path, photo: &Photo) -> Result<(), Error> {
     let (width, height) = (photo.camera.width, photo.camera.height);
     let unwritten =
@@ -73,12 +82,11 @@ fn write(file: &Path, mask: &Path, photo: &Photo) -> Result<(), Error> {
     let rgb: Vec<u8> = pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
     let rgb = image::RgbImage::from_raw(width, height, rgb).unwrap_or_default();
     make(file)?;
-    let jpeg = has_extension(file, &["jpg", "jpeg"]);
-    let written = if jpeg {
+    let written = if has_extension(file, &JPEG) {
         let out = fs::File::create(file).map_err(|e| unwritten(file, e.to_string()))?;
         rgb.write_with_encoder(JpegEncoder::new_with_quality(out, QUALITY))
     } else {
-        rgb.save(file)
+        rgb.save_with_format(file, ImageFormat::Png)
     };
     written.map_err(|e| unwritten(file, e.to_string()))?;
     if photo.alpha_role == AlphaRole::Mask {

@@ -3,7 +3,7 @@
 use super::folder::Folder;
 use super::{FEWEST, Matching, Posed, SHARES, path};
 use crate::job::Error;
-use crate::scene::{Names, OpenOptions, Scene};
+use crate::scene::{Names, OpenOptions, Scene, median};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -103,9 +103,7 @@ fn doubts(scene: &Scene, photos: usize) -> Vec<String> {
     let all: Vec<usize> = (0..scene.views.len()).collect();
     let centre = scene.centre(&all);
     let mut distances: Vec<f64> = scene.points.iter().map(|p| p.position.distance(centre)).collect();
-    distances.sort_unstable_by(f64::total_cmp);
-    let median = distances.get(distances.len() / 2).copied();
-    let path = path::doubt(scene.views.iter().map(|v| &v.camera), scene.extent(&all), median);
-    doubts.extend(path.map(|doubt| doubt.message().to_owned()));
+    let path = path::doubt(scene.views.iter().map(|v| &v.camera), scene.extent(&all), median(&mut distances));
+    doubts.extend(path.map(ToOwned::to_owned));
     doubts
 }

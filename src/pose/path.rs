@@ -12,35 +12,23 @@ const STRAIGHT: f64 = 0.02;
 /// Largest distance from a plane, as a share of the path's length, of a flat path.
 const FLAT: f64 = 0.01;
 
-/// A weakness of a camera path.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Doubt {
-    /// The cameras only turned.
-    Turned,
-    /// They stand on one straight line.
-    Straight,
-    /// They lie in one plane.
-    Flat,
-}
-
-impl Doubt {
-    /// Its meaning, and the remedy.
-    pub fn message(self) -> &'static str {
-        match self {
-            Self::Turned => "the camera hardly moved: walk around the scene instead of turning on the spot",
-            Self::Straight => "the cameras stand on one straight line: the scene is seen from one side; walk around it",
-            Self::Flat => {
-                "the cameras lie in one plane: views from above and below it will be poor; take some photos from higher and lower"
-            }
-        }
-    }
-}
+/// The doubt about cameras that only turned, and the remedy.
+const TURNED: &str = "the camera hardly moved: walk around the scene instead of turning on the spot";
+/// The doubt about cameras that stand on one straight line.
+const LINE: &str = "the cameras stand on one straight line: the scene is seen from one side; walk around it";
+/// The doubt about cameras that lie in one plane.
+const PLANE: &str =
+    "the cameras lie in one plane: views from above and below it will be poor; take some photos from higher and lower";
 
 /// The doubt that the cameras' places call for. `extent` is the cameras', and `median` their median distance to the points,
 /// if there are points.
-pub(super) fn doubt<'a>(cameras: impl Iterator<Item = &'a Camera>, extent: f64, median: Option<f64>) -> Option<Doubt> {
+pub(super) fn doubt<'a>(
+    cameras: impl Iterator<Item = &'a Camera>,
+    extent: f64,
+    median: Option<f64>,
+) -> Option<&'static str> {
     if median.is_some_and(|median| extent < MOVED * median) {
-        return Some(Doubt::Turned);
+        return Some(TURNED);
     }
     let centres: Vec<DVec3> = cameras.map(Camera::centre).collect();
     if centres.len() < FEWEST {
@@ -57,11 +45,11 @@ pub(super) fn doubt<'a>(cameras: impl Iterator<Item = &'a Camera>, extent: f64, 
     let aside: Vec<DVec3> = offsets.iter().map(|o| *o - direction * o.dot(direction)).collect();
     let across = longest(&aside);
     if across.length() < STRAIGHT * along.length() {
-        return Some(Doubt::Straight);
+        return Some(LINE);
     }
     let normal = direction.cross(across).try_normalize()?;
     let height = offsets.iter().map(|o| o.dot(normal).abs()).fold(0.0, f64::max);
-    (height < FLAT * along.length()).then_some(Doubt::Flat)
+    (height < FLAT * along.length()).then_some(PLANE)
 }
 
 #[cfg(test)]
@@ -74,7 +62,7 @@ mod tests {
         (0..n).map(|i| Camera::look_at(eye(i), DVec3::ZERO, DVec3::NEG_Y, 0.8, 40, 30)).collect()
     }
 
-    fn of(cameras: &[Camera], median: f64) -> Option<Doubt> {
+    fn of(cameras: &[Camera], median: f64) -> Option<&'static str> {
         doubt(cameras.iter(), crate::scene::camera::extent(cameras.iter()), Some(median))
     }
 
@@ -90,14 +78,14 @@ mod tests {
     #[test]
     fn paths_are_told_apart() {
         assert_eq!(of(&at(ring(0.1), 30), 5.0), None, "a walk by hand");
-        assert_eq!(of(&at(ring(0.001), 30), 5.0), Some(Doubt::Flat), "a turntable");
+        assert_eq!(of(&at(ring(0.001), 30), 5.0), Some(PLANE), "a turntable");
         assert_eq!(of(&at(ring(0.0), 5), 5.0), None, "five cameras say nothing");
         let line = |bend: f64| move |t: f64| DVec3::new(4.0 * t - 2.0, bend * (7.0 * t).sin(), -6.0);
-        assert_eq!(of(&at(line(0.001), 20), 6.0), Some(Doubt::Straight), "a rail");
-        assert_eq!(of(&at(line(0.5), 20), 6.0), Some(Doubt::Flat), "a wave in a plane");
+        assert_eq!(of(&at(line(0.001), 20), 6.0), Some(LINE), "a rail");
+        assert_eq!(of(&at(line(0.5), 20), 6.0), Some(PLANE), "a wave in a plane");
         let spot = |t: f64| DVec3::new(0.0, 0.0, -6.0) + 0.01 * DVec3::new((9.0 * t).sin(), (7.0 * t).cos(), t);
-        assert_eq!(of(&at(spot, 20), 6.0), Some(Doubt::Turned), "a turn on the spot");
-        assert_eq!(of(&at(|_| DVec3::NEG_Z, 20), f64::INFINITY), Some(Doubt::Turned));
+        assert_eq!(of(&at(spot, 20), 6.0), Some(TURNED), "a turn on the spot");
+        assert_eq!(of(&at(|_| DVec3::NEG_Z, 20), f64::INFINITY), Some(TURNED));
         assert_eq!(doubt(at(|_| DVec3::NEG_Z, 20).iter(), 0.0, None), None, "equal places without points");
     }
 }

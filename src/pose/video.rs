@@ -3,7 +3,8 @@
 use super::child::{self, Grey, Output, Said, on_path};
 use super::folder::Folder;
 use crate::job::Error;
-use crate::job::watcher::Watcher;
+use crate::job::watcher::{Stage, Watcher};
+use crate::scene::median;
 use std::fs;
 use std::path::Path;
 
@@ -15,10 +16,10 @@ const PER_SECOND: f64 = 2.0;
 const FEWEST: usize = 60;
 /// Least distance of two chosen frames, in windows.
 const APART: f64 = 0.3;
+/// Longest filter in bytes that is an argument, and no file: on Windows, all arguments together have at most 32,767.
+const LONGEST: usize = 8000;
 /// Frames per second of a video that does not say.
 const RATE: f64 = 30.0;
-/// The stages, as the progress bar calls them.
-const WATCHED: &str = "frames";
 
 /// Chooses sharp frames of a video, at most `most` of them, and writes them into the folder of images; returns their
 /// names, which hold the number of the frame in the video.
@@ -37,20 +38,24 @@ pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn 
     if ["arib-std-b67", "smpte2084"].contains(&facts.transfer.as_str()) {
         watcher.note("the video has a high dynamic range (HLG or PQ): its colours will look flat; record without HDR");
     }
-    let timing = timing(&log, watcher)?;
-    let ffmpeg = |filter: &str, output: &[&str]| -> Vec<String> {
-        let input = ["-hide_banner", "-nostdin", "-loglevel", "error", "-i", &file, "-map", "0:v:0", "-vf", filter];
+    let spelling = Spelling::read(&log, watcher)?;
+    let ffmpeg = |[option, filter]: [&str; 2], output: &[&str]| -> Vec<String> {
+        let input = ["-hide_banner", "-nostdin", "-loglevel", "error", "-i", &file, "-map", "0:v:0", option, filter];
+        let timing = [spelling.timing, "passthrough"];
         [&input[..], &timing, output].concat().into_iter().map(ToOwned::to_owned).collect()
     };
 
     let mut sharpness = Vec::new();
-    let small = ffmpeg("scale=w='min(640,iw)':h=-2,format=gray", &["-f", "image2pipe", "-c:v", "pgm", "-"]);
+    let grey = ["-vf", "scale=w='min(640,iw)':h=-2,format=gray"];
+    let small = ffmpeg(grey, &["-f", "image2pipe", "-c:v", "pgm", "-"]);
     child::run((FFMPEG, &small), Output::Pictures, &log, watcher, &mut |said| {
         if let Said::Grey(picture) = said {
             sharpness.push(laplacian_variance(&picture));
-            watcher.posing(WATCHED, sharpness.len(), facts.frames.max(sharpness.len()));
+            // There may be more frames than the video says.
+            watcher.progress(Stage::Frames, sharpness.len(), facts.frames.max(sharpness.len() + 1));
         }
     })?;
+    watcher.progress(Stage::Frames, sharpness.len(), sharpness.len());
     let chosen = choose(&sharpness, windows(sharpness.len(), facts.rate, most));
     let unwritten = |source| Error::Write { path: folder.images(), source };
     if chosen.is_empty() {
@@ -60,30 +65,64 @@ pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn 
     let taken = folder.work().join("frames");
     let _ = fs::remove_dir_all(&taken); // of an interrupted job
     fs::create_dir_all(&taken).map_err(unwritten)?;
-    let terms: Vec<String> = chosen.iter().map(|n| format!("eq(n\\,{n})")).collect();
+    let select = format!("select={}", one_of(&chosen));
+    let (option, filter) = if select.len() > LONGEST {
+        let script = child::list(taken.join("filter.txt"), &[select])?;
+        (spelling.script, format!("file:{}", script.display()))
+    } else {
+        ("-vf", select)
+    };
     let pattern = taken.join("%06d.jpg").display().to_string();
-    let large = ffmpeg(&format!("select={}", terms.join("+")), &["-f", "image2", "-q:v", "2", &pattern]);
+    let large = ffmpeg([option, &filter], &["-f", "image2", "-q:v", "2", &pattern]);
     child::run((FFMPEG, &large), Output::Text, &log, watcher, &mut |_| ())?;
     let names: Vec<String> = chosen.iter().map(|n| format!("frame_{n:06}.jpg")).collect();
     for (i, name) in (1..).zip(&names) {
         fs::rename(taken.join(format!("{i:06}.jpg")), folder.images().join(name)).map_err(unwritten)?;
     }
-    let _ = fs::remove_dir(&taken);
+    let _ = fs::remove_dir_all(&taken);
     watcher.note(&format!("{} sharp frames out of {}", names.len(), sharpness.len()));
     Ok(names)
 }
 
-/// The option by which this version of ffmpeg passes on every frame as it is.
-fn timing(log: &Path, watcher: &dyn Watcher) -> Result<[&'static str; 2], Error> {
-    let mut renamed = false;
-    let help = ["-hide_banner", "-h", "long"].map(ToOwned::to_owned);
-    // Not into the scene's log: it is long.
-    let nowhere = log.with_extension("help");
-    child::run((FFMPEG, &help), Output::Text, &nowhere, watcher, &mut |said| {
-        renamed |= matches!(&said, Said::Line(line) if line.starts_with("-fps_mode"));
-    })?;
-    let _ = fs::remove_file(nowhere);
-    Ok(if renamed { ["-fps_mode", "passthrough"] } else { ["-vsync", "passthrough"] })
+/// An expression of ffmpeg that is true for these frames, which ascend. It is a balanced tree: a sum of thousands of terms
+/// would need too much of ffmpeg's stack.
+fn one_of(frames: &[usize]) -> String {
+    match frames {
+        [] => "0".to_owned(),
+        [only] => format!("eq(n\\,{only})"),
+        _ => {
+            let (low, high) = frames.split_at(frames.len() / 2);
+            format!("if(lt(n\\,{})\\,{}\\,{})", high[0], one_of(low), one_of(high))
+        }
+    }
+}
+
+/// The names of options that this version of ffmpeg knows.
+struct Spelling {
+    /// That which passes on every frame as it is.
+    timing: &'static str,
+    /// That which names a file with the filter.
+    script: &'static str,
+}
+
+impl Spelling {
+    /// Reads ffmpeg's help.
+    fn read(log: &Path, watcher: &dyn Watcher) -> Result<Self, Error> {
+        let (mut fps_mode, mut filter_script) = (false, false);
+        let help = ["-hide_banner", "-h", "long"].map(ToOwned::to_owned);
+        // Not into the scene's log: it is long.
+        let nowhere = log.with_extension("help");
+        child::run((FFMPEG, &help), Output::Text, &nowhere, watcher, &mut |said| {
+            if let Said::Line(line) = said {
+                fps_mode |= line.starts_with("-fps_mode");
+                filter_script |= line.starts_with("-filter_script");
+            }
+        })?;
+        let _ = fs::remove_file(nowhere);
+        let timing = if fps_mode { "-fps_mode" } else { "-vsync" };
+        let script = if filter_script { "-filter_script:v" } else { "-/filter:v" };
+        Ok(Self { timing, script })
+    }
 }
 
 /// ffprobe's facts about a video.
@@ -148,8 +187,7 @@ fn choose(sharpness: &[f64], windows: usize) -> Vec<usize> {
     let reach = length.ceil() as usize;
     let relative = |i: usize| {
         let mut around = sharpness[i.saturating_sub(reach)..(i + reach + 1).min(frames)].to_vec();
-        around.sort_unstable_by(f64::total_cmp);
-        sharpness[i] / around[around.len() / 2].max(f64::MIN_POSITIVE)
+        sharpness[i] / median(&mut around).unwrap_or_default().max(f64::MIN_POSITIVE)
     };
     let mut chosen: Vec<usize> = Vec::with_capacity(windows);
     for window in 0..windows {
@@ -172,6 +210,18 @@ mod tests {
         let [long, orbit, blink] = [5400, 300, 60].map(|frames| windows(frames, 30.0, 150));
         assert_eq!((long, orbit, blink), (150, 60, 20));
         assert_eq!((windows(1800, 30.0, 150), windows(300, 30.0, 24), windows(0, 30.0, 150)), (120, 24, 0));
+    }
+
+    #[test]
+    fn frames_are_told_by_an_expression_that_is_not_deep() {
+        assert_eq!((one_of(&[]), one_of(&[7])), ("0".to_owned(), r"eq(n\,7)".to_owned()));
+        assert_eq!(one_of(&[3, 7, 9]), r"if(lt(n\,7)\,eq(n\,3)\,if(lt(n\,9)\,eq(n\,7)\,eq(n\,9)))");
+        let (mut depth, mut deepest) = (0, 0);
+        for c in one_of(&(0..10_000).collect::<Vec<usize>>()).chars() {
+            depth += i32::from(c == '(') - i32::from(c == ')');
+            deepest = deepest.max(depth);
+        }
+        assert!(depth == 0 && deepest < 20, "{deepest}");
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! Parallel building blocks independent of splats: counts on the device, prefix sum, stable radix sort,
-//! compaction, gather, segmented sum. All run at subgroup sizes of 4 to 128.
+//! compaction, gather and reduction. All run at subgroup sizes of 4 to 128.
 
 mod compact;
 mod count;
@@ -7,7 +7,6 @@ mod gather;
 pub mod rates;
 mod reduce;
 mod scan;
-mod segmented_sum;
 mod sort;
 
 pub use compact::compact;
@@ -15,7 +14,6 @@ pub use count::Count;
 pub use gather::gather;
 pub use reduce::reduce;
 pub use scan::{Scan, Words};
-pub use segmented_sum::{Segments, segmented_sum};
 pub use sort::{Pairs, Sort};
 
 /// Default number of invocations of a workgroup.

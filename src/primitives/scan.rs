@@ -14,7 +14,6 @@ pub struct Scan {
     /// Sums of blocks if these are few; otherwise of all previous blocks.
     pub(super) sums: Buffer<u32>,
     pub(super) few_blocks: bool,
-    unasked: Count,
     pub(super) workgroup: u32,
     pub(super) rows: u32,
 }
@@ -48,11 +47,10 @@ impl Scan {
         let (workgroup, rows) = (device.tuning().scan_workgroup, device.tuning().scan_rows);
         let blocks = capacity.div_ceil(workgroup * rows);
         let sums = device.buffer("scan sums", blocks as usize)?;
-        let unasked = Count::new(device, "scan total", u32::MAX, &[])?;
-        Ok(Self { sums, few_blocks: blocks <= FEW_BLOCKS, unasked, workgroup, rows })
+        Ok(Self { sums, few_blocks: blocks <= FEW_BLOCKS, workgroup, rows })
     }
 
-    /// Records `target[i] = sum of words[..i]` for i < count, and sets `total` to the sum of all if requested.
+    /// Records `target[i] = sum of words[..i]` for i < count, and sets `total` to the sum of all.
     ///
     /// `count` must have been made with [`Scan::block`] among its sizes. `target` may be the source, unless words have indices.
     pub fn record(
@@ -61,9 +59,8 @@ impl Scan {
         count: &Count,
         words: Words<'_>,
         target: &Buffer<u32>,
-        total: Option<&Count>,
+        total: &Count,
     ) {
-        let total = total.unwrap_or(&self.unasked);
         self.blocks(recording, count, words, target, total);
         self.phase(recording, APPLY, Job { count, words, target, total });
     }

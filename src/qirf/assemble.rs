@@ -99,26 +99,18 @@ pub fn unpack_lower<T: From<f32>>(m: usize, packed: &[f32], out: &mut [T]) {
     }
 }
 
-/// Writes a packed lower triangle into a whole symmetric m x m matrix.
-///
-/// # Panics
-/// If a slice is too short.
-pub fn unpack_symmetric<T: From<f32> + Copy>(m: usize, packed: &[f32], out: &mut [T]) {
-    unpack_lower(m, packed, out);
-    for c in 0..m {
-        for r in c + 1..m {
-            out[r * m + c] = out[c * m + r];
-        }
-    }
-}
-
 /// A whole symmetric m x m matrix from its packed lower triangle.
 ///
 /// # Panics
 /// If the triangle is too short.
 pub fn symmetric<T: From<f32> + Copy + Default>(m: usize, packed: &[f32]) -> Vec<T> {
     let mut matrix = vec![T::default(); m * m];
-    unpack_symmetric(m, packed, &mut matrix);
+    unpack_lower(m, packed, &mut matrix);
+    for c in 0..m {
+        for r in c + 1..m {
+            matrix[r * m + c] = matrix[c * m + r];
+        }
+    }
     matrix
 }
 

@@ -3,9 +3,12 @@
 use super::assemble::{BlockMatrices, symmetric};
 use super::participation::{Eigensolver, Factor, Gram, Participation, lowdin, norm, solve};
 use super::partition::Blocks;
-use super::select::{BlockSelector, Ranking, css, rank};
+use super::select::{Ranking, Selector, css, rank};
 use super::{CHANNELS, Row};
 use rayon::prelude::*;
+
+/// Share of a block after which the column subset stops; the others are ranked by their gain at that point.
+const CSS_SHARE: f64 = 0.5;
 
 /// Input of one block.
 #[derive(Clone, Copy, Debug)]
@@ -33,21 +36,13 @@ pub struct Solver {
     pub epsilon: f64,
     /// Share of the energy that the leading eigenvalues reach.
     pub tau: f64,
-    /// Share of a block after which the column subset stops; the others are ranked by their gain at that point.
-    pub css_share: f64,
-    /// Selectors to rank by.
-    pub selectors: Vec<BlockSelector>,
+    /// Selectors to rank by: those that read blocks ([`Selector::reads_blocks`]).
+    pub selectors: Vec<Selector>,
 }
 
 impl Default for Solver {
     fn default() -> Self {
-        Self {
-            eigensolver: Eigensolver::default(),
-            epsilon: 1e-4,
-            tau: 0.95,
-            css_share: 0.5,
-            selectors: vec![BlockSelector::Gnso],
-        }
+        Self { eigensolver: Eigensolver::default(), epsilon: 1e-4, tau: 0.95, selectors: vec![Selector::Gnso] }
     }
 }
 
@@ -60,9 +55,7 @@ pub struct Modes {
     pub r: u32,
     /// Participation of each member, m.
     pub participation: Vec<f64>,
-    /// True if the requested solver failed, and another solved the block.
-    pub fallback: bool,
-    /// True if the metric was not positive definite and its canonical form was used.
+    /// True if the metric was not positive definite: its canonical form was used in place of the requested solver.
     pub canonical: bool,
     /// True if no member has any response, so that opacity decides.
     pub unseen: bool,
@@ -71,8 +64,9 @@ pub struct Modes {
 /// Results of one block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solved {
-    /// One per selector of the solver, in the same order.
-    pub ranked: Vec<(BlockSelector, Ranking)>,
+    /// One per selector of the solver, in the same order; without [`Selector::Gnso`] if the paper's eigenproblem is
+    /// solved elsewhere.
+    pub ranked: Vec<(Selector, Ranking)>,
     /// Solution of the paper's eigenproblem; `None` if it is solved elsewhere.
     pub modes: Option<Modes>,
     /// Overlaps and responses that were not finite.
@@ -94,7 +88,7 @@ impl Solver {
     /// Solves one block.
     ///
     /// # Panics
-    /// If the block's arrays disagree on its size, or lack W.
+    /// If the block's arrays disagree on its size, or lack W, or a selector does not read blocks.
     pub fn solve_one(&self, block: &Block<'_>) -> Solved {
         let m = block.matrices.m;
         assert!(
@@ -116,24 +110,25 @@ impl Solver {
         let paper = on_host.then(|| solve(&metric, &w, block.matrices.density, self.eigensolver, self.tau));
         for &selector in &self.selectors {
             let ranking = match selector {
-                BlockSelector::Gnso => {
+                Selector::Gnso => {
                     let Some((participation, factor)) = &paper else { continue };
                     Ranking { rank: rank(&participation.q), gain: factor.participation(&h, self.tau).q }
                 }
-                BlockSelector::Ordinary => {
+                Selector::Ordinary => {
                     let q = |rows: &[Row]| Factor::identity().participation(rows, self.tau).q;
                     Ranking { rank: rank(&q(&w)), gain: q(&h) }
                 }
-                BlockSelector::Lowdin => {
+                Selector::Lowdin => {
                     let [local, gain]: [Vec<f64>; 2] =
                         lowdin(&metric, &[&w, &h]).try_into().unwrap_or_else(|_| [vec![0.0; m], vec![0.0; m]]);
                     Ranking { rank: rank(&local), gain }
                 }
-                BlockSelector::Css => {
+                Selector::Css => {
                     let weights: Vec<f64> = h.iter().map(norm).collect();
-                    let picks = (self.css_share.clamp(0.0, 1.0) * m as f64).ceil() as usize;
+                    let picks = (CSS_SHARE * m as f64).ceil() as usize;
                     css::order(&overlap, &weights, picks)
                 }
+                other => panic!("{other} does not read blocks"),
             };
             solved.ranked.push((selector, ranking));
         }
@@ -141,7 +136,6 @@ impl Solver {
             spectrum,
             r: r as u32,
             participation: q,
-            fallback: canonical,
             canonical,
             unseen: false,
         });
@@ -162,14 +156,15 @@ pub struct Guards {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Collected {
     /// The order of all Gaussians by each selector.
-    pub rankings: Vec<(BlockSelector, Ranking)>,
+    pub rankings: Vec<(Selector, Ranking)>,
     /// Participation of each Gaussian in its block's leading modes, n.
     pub participation: Vec<f32>,
     /// r of each block.
     pub r: Vec<u32>,
     /// The eight largest eigenvalues of each block as shares of their sum; zeros for a block without any response.
     pub energies: Vec<[f64; CHANNELS]>,
-    /// Blocks that the requested solver could not factorise.
+    /// Blocks that the requested solver could not factorise: those in canonical form, and those that the device left to the
+    /// host.
     pub fallbacks: usize,
     /// Blocks solved in their metric's canonical form.
     pub canonical: usize,
@@ -183,9 +178,9 @@ pub struct Collected {
 
 impl Collected {
     /// Room for the rankings of `blocks` by these selectors.
-    pub fn new(blocks: &Blocks, selectors: &[BlockSelector]) -> Self {
+    pub fn new(blocks: &Blocks, selectors: &[Selector]) -> Self {
         let n = blocks.members.len();
-        let ranking = |s: &BlockSelector| (*s, Ranking { rank: vec![0; n], gain: vec![0.0; n] });
+        let ranking = |s: &Selector| (*s, Ranking { rank: vec![0; n], gain: vec![0.0; n] });
         Self {
             rankings: selectors.iter().map(ranking).collect(),
             participation: vec![0.0; n],
@@ -214,7 +209,7 @@ impl Collected {
         let total: f64 = modes.spectrum.iter().sum();
         self.energies[b] = modes.spectrum.map(|lambda| if total > 0.0 { lambda / total } else { 0.0 });
         self.guards[b].canonical = modes.canonical;
-        self.fallbacks += usize::from(modes.fallback);
+        self.fallbacks += usize::from(modes.canonical);
         self.canonical += usize::from(modes.canonical);
         self.unseen += usize::from(modes.unseen);
     }

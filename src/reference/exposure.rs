@@ -28,17 +28,14 @@ pub fn backward(affine: &[f64; 12], colours: &[[f64; 3]], gradient: &[[f64; 3]])
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
     use crate::reference::loss::{SSIM_WEIGHT, loss};
 
     #[test]
     fn gradients_are_the_difference_quotients() {
-        let mut seed = 7_u64;
-        let mut next = || {
-            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (seed >> 33) as f64 / (1_u64 << 31) as f64
-        };
+        let mut random = Random(7);
         let width = 9;
-        let mut noise = |n: usize| (0..n).map(|_| [next(), next(), next()]).collect::<Vec<_>>();
+        let mut noise = |n: usize| (0..n).map(|_| [0; 3].map(|_| random.unit())).collect::<Vec<_>>();
         let (mut x, y) = (noise(72), noise(72));
         let mut affine = IDENTITY;
         noise(4).as_flattened().iter().zip(&mut affine).for_each(|(n, a)| *a += 0.3 * (n - 0.5));

@@ -92,13 +92,11 @@ fn window_mean(values: &[f64], width: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
 
-    fn noise(count: usize, mut seed: u64) -> Vec<[f64; 3]> {
-        let mut next = || {
-            seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (seed >> 33) as f64 / (1u64 << 31) as f64
-        };
-        (0..count).map(|_| [next(), next(), next()]).collect()
+    fn noise(count: usize, seed: u64) -> Vec<[f64; 3]> {
+        let mut random = Random(seed);
+        (0..count).map(|_| [0; 3].map(|_| random.unit())).collect()
     }
 
     #[test]

@@ -45,30 +45,12 @@ pub struct BackwardCounts {
     pub passes: u32,
 }
 
-/// Counters that the host reads between iterations of training.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Counters {
-    /// Counters of the backward passes.
-    pub backward: BackwardCounts,
-    /// Largest number of (tile, Gaussian) pairs that a picture needed, even if they did not fit.
-    pub pairs: u32,
-}
-
-impl Counters {
-    /// Words of all buffers of [`super::TrainingRenderer::counters`].
-    pub const WORDS: usize = 4;
-
-    /// The counters from those words.
+impl BackwardCounts {
+    /// The counts from the words of their buffer, the first of [`super::TrainingRenderer::counters`].
     ///
     /// # Panics
     /// If there are fewer words.
     pub fn of(words: &[u32]) -> Self {
-        Self { backward: BackwardCounts::of(words), pairs: words[3] }
-    }
-}
-
-impl BackwardCounts {
-    pub(super) fn of(words: &[u32]) -> Self {
         Self { skipped_rows: words[0], passes: words[1] }
     }
 }

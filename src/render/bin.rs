@@ -28,7 +28,7 @@ pub(super) fn record(recording: &mut Recording, launch: &Launch, frame: &Frame, 
     // If tiles have a depth order of their own, the keys of the first sort are depths.
     let (keys, depths) = (pairs.tiles.as_ref().unwrap_or(&pairs.by_tile.keys), &pairs.by_tile.keys);
     let tile_counts = Words { source: &frame.tile_counts, indices: Some(&order.values) };
-    frame.scan.record(recording, &frame.visible_count, tile_counts, &frame.offsets, Some(&pairs.count));
+    frame.scan.record(recording, &frame.visible_count, tile_counts, &frame.offsets, &pairs.count);
     let kernel = Bin {
         view: &frame.view,
         count: &frame.visible_count.value,

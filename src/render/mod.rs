@@ -19,7 +19,7 @@ mod slots;
 mod training;
 
 pub use atomic_sums::AtomicSums;
-pub use backward::{Backward, BackwardCounts, Counters};
+pub use backward::{Backward, BackwardCounts};
 pub use frame::{Purpose, Uses};
 pub use frustum::visible;
 pub use imbalance::{Distribution, Imbalance};

@@ -111,7 +111,9 @@ impl TrainingRenderer {
         Ok(BackwardCounts::of(&self.guards.read(self.device())?))
     }
 
-    /// Buffers of [`super::Counters`], each with its number of words: backward passes, then pairs.
+    /// Counters that the host reads between iterations, each with its number of words: of the backward passes
+    /// ([`BackwardCounts::of`]), then of (tile, Gaussian) pairs; the last word is the largest number that a picture needed,
+    /// even if they did not fit.
     pub fn counters(&self) -> [(&Buffer<u32>, usize); 2] {
         [(&self.guards, 2), (&self.frame.pairs.count.value, 2)]
     }

@@ -2,8 +2,8 @@
 //!
 //! Pages are built from [`page`] (shell, tables), [`plot`] and [`slider`]. `maud` escapes every text.
 
-mod compression;
-mod curve;
+pub mod compression;
+pub mod curve;
 pub mod format;
 pub mod page;
 pub mod picture;
@@ -14,22 +14,12 @@ pub mod slider;
 use crate::job::{Error, Output};
 pub use run::cut;
 
-use crate::job::records::{CompressRecord, CurveRecord, RunRecord};
+use crate::job::records::RunRecord;
 
 /// Writes `report.html` of a run into its folder, from its results and the folder's pictures and `config.toml`; missing
 /// ones are left out. `viewer` is a page that draws the model.
 pub fn write(results: &RunRecord, output: &Output, viewer: Option<&str>) -> Result<(), Error> {
     Output::text(&output.report(), &of_run(results, output, viewer))
-}
-
-/// The page of a compression.
-pub fn of_compression(record: &CompressRecord) -> String {
-    compression::page(record)
-}
-
-/// The page of quality against bytes.
-pub fn of_curve(record: &CurveRecord) -> String {
-    curve::page(record)
 }
 
 /// The page of a run; `viewer` is a page within it that draws the model.

@@ -172,6 +172,61 @@ impl<G> Pass<'_, G> {
             }
         }
     }
+
+    /// Adds the results of all views, and tells `follow` their number before each and at the end.
+    fn views<E: From<Error>>(
+        mut self,
+        renderer: &mut TrainingRenderer,
+        model: Source<'_>,
+        cameras: &[Camera],
+        follow: &mut impl FnMut(usize) -> std::result::Result<(), E>,
+    ) -> std::result::Result<Sums, E>
+    where
+        G: FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
+    {
+        let device = &renderer.device().clone();
+        let views: Vec<(usize, &Camera)> = cameras.iter().enumerate().collect();
+        let mut sums = Sums::zeros(model.len(), self.wanted);
+        match model {
+            Source::Device(model) => {
+                let gathered = Gathered::zeros(device, model.len, self.wanted)?;
+                for chunk in views.chunks(CHUNK) {
+                    gathered.clear(device)?;
+                    for &view in chunk {
+                        follow(view.0)?;
+                        if let Outcome::TooMany(error) = self.view(renderer, &gathered, model, view)? {
+                            return Err(error.into());
+                        }
+                    }
+                    sums.add(&gathered.read(device, self.gather)?);
+                }
+            }
+            Source::Host(model) => {
+                let mut parts = Parts::new(model, most(renderer, model, cameras, self.wanted));
+                for chunk in views.chunks(CHUNK) {
+                    let mut rows = Rows::zeros(model.len(), self.wanted);
+                    for &(v, camera) in chunk {
+                        follow(v)?;
+                        parts.for_each(renderer, camera, self.wanted.gradients(), &mut |renderer, part| {
+                            let gathered =
+                                match Outcome::of(Gathered::upload(device, &rows.of(part.members), self.wanted))? {
+                                    Ok(gathered) => gathered,
+                                    Err(too_many) => return Ok(too_many),
+                                };
+                            let outcome = self.view(renderer, &gathered, part.model, (v, &part.camera))?;
+                            if matches!(outcome, Outcome::Done) {
+                                rows.set(part.members, &gathered.read(device, self.gather)?);
+                            }
+                            Ok::<_, E>(outcome)
+                        })?;
+                    }
+                    sums.add(&rows);
+                }
+            }
+        }
+        follow(cameras.len())?;
+        Ok(sums)
+    }
 }
 
 /// A renderer for [`full_pass`] over pictures of at most `size`, with an initial capacity of `pairs` (tile, Gaussian)
@@ -210,52 +265,12 @@ pub fn full_pass<'m, E: From<Error>>(
     wanted: Wanted,
     gradient: impl FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
 ) -> std::result::Result<Responses, E> {
-    let device = &renderer.device().clone();
     let gather = Gather::Mean { views: of.unwrap_or(cameras.len()) as u32 };
     renderer.make_room_for_responses()?;
-    let mut pass = Pass { image_gradient, wanted, gather, gradient };
-    let views: Vec<(usize, &Camera)> = cameras.iter().enumerate().collect();
-    let model = model.into();
-    let mut sums = Sums::zeros(model.len(), wanted);
-    match model {
-        Source::Device(model) => {
-            let gathered = Gathered::zeros(device, model.len, wanted)?;
-            for chunk in views.chunks(CHUNK) {
-                gathered.clear(device)?;
-                for &view in chunk {
-                    follow(view.0)?;
-                    if let Outcome::TooMany(error) = pass.view(renderer, &gathered, model, view)? {
-                        return Err(error.into());
-                    }
-                }
-                sums.add(&gathered.read(device, gather)?);
-            }
-        }
-        Source::Host(model) => {
-            let mut parts = Parts::new(model, most(renderer, model, cameras, wanted));
-            for chunk in views.chunks(CHUNK) {
-                let mut rows = Rows::zeros(model.len(), wanted);
-                for &(v, camera) in chunk {
-                    follow(v)?;
-                    parts.for_each(renderer, camera, wanted.gradients(), &mut |renderer, part| {
-                        let gathered = match Outcome::of(Gathered::upload(device, &rows.of(part.members), wanted))? {
-                            Ok(gathered) => gathered,
-                            Err(too_many) => return Ok(too_many),
-                        };
-                        let outcome = pass.view(renderer, &gathered, part.model, (v, &part.camera))?;
-                        if matches!(outcome, Outcome::Done) {
-                            rows.set(part.members, &gathered.read(device, gather)?);
-                        }
-                        Ok::<_, E>(outcome)
-                    })?;
-                }
-                sums.add(&rows);
-            }
-        }
-    }
-    follow(cameras.len())?;
+    let pass = Pass { image_gradient, wanted, gather, gradient };
+    let summed = pass.views(renderer, model.into(), cameras, &mut follow);
     renderer.free_responses();
-    let Rows { channels, scores } = sums.rounded();
+    let Rows { channels, scores } = summed?.rounded();
     let dilation = renderer.settings().dilation;
     Ok(Responses { channels, scores, cameras: cameras.to_vec(), dilation })
 }

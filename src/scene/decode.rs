@@ -5,7 +5,7 @@
 //! [`lens`](super::lens)).
 
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use glam::DVec2;
 use image::ColorType;
@@ -78,7 +78,8 @@ pub struct LoadedPhotos {
 /// The fourth byte has the same meaning in all photos: alpha if more than [`ALPHA_SHARE`] of all pixels is transparent;
 /// otherwise a mask if any view has one. A mask that cannot be used hides nothing.
 ///
-/// `progress` is called from any thread after each photo, with the number done so far.
+/// `progress` is called after each photo with the number done so far, from any thread, but never by two at
+/// once, so that the numbers rise.
 pub fn load_photos(
     views: &[&View],
     options: &LoadOptions<'_>,
@@ -89,12 +90,12 @@ pub fn load_photos(
     let has_masks = options.masks && views.iter().any(|view| view.is_masked());
     let announced = announced(views, options);
     let masked = has_masks && !announced;
-    let done = AtomicUsize::new(0);
+    let done = Mutex::new(0);
     // A damaged photo fails alone; a full disk ends everything.
     let load_one = |at: usize, source: Result<&mut Source, Error>| {
         let even = source.as_ref().is_ok_and(|source| source.even && views[at].face.is_none());
         let decoded = source.map(|source| source.view(views[at], options.resize, masked));
-        progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+        count(&done, progress);
         Ok(match decoded {
             Ok(decoded) => {
                 let (transparent, no_mask) = (decoded.transparent, masked && matches!(decoded.mask, Mask::Damaged));
@@ -163,6 +164,13 @@ pub fn load_photos(
         (even > 0).then(|| format!("{} with the same alpha everywhere: taken as opaque", counted(even, "photo")));
     let notes = notes.into_iter().chain(hidden).chain(even).collect();
     Ok(LoadedPhotos { photos, notes, without_mask })
+}
+
+/// Tells that one photo more is done.
+fn count(done: &Mutex<usize>, progress: &(dyn Fn(usize) + Sync)) {
+    let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+    *done += 1;
+    progress(*done);
 }
 
 /// True if a photo has an alpha channel that may count.

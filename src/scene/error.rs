@@ -24,9 +24,6 @@ pub enum Error {
         /// The fault and its remedy.
         what: String,
     },
-    /// A camera has a model that the engine does not know, or that its format has no parameters of.
-    #[error("{path}, {record}: camera model {model} is not supported; known are {known}")]
-    UnknownModel { path: PathBuf, record: String, model: String, known: String },
     /// The folder holds photos, but no camera poses.
     #[error("{images} has {}, but {root} has no camera poses{beside}", counted(*photos, "photo"))]
     NoPoses {

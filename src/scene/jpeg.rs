@@ -51,8 +51,9 @@ impl Image {
             Self { progressive: false, size: (0, 0), components: Vec::new(), restart: 0, data: 0, in_scan: 0 };
         let mut tables: [[Option<Table>; 4]; 2] = Default::default();
         let mut at = 2;
-        while let Some(&[0xff, marker, high, low]) = bytes.get(at..at + 4) {
-            if marker == 0xff {
+        while let Some(&[mark, marker, high, low]) = bytes.get(at..at + 4) {
+            // Decoders skip padding; these markers have no length.
+            if mark != 0xff || matches!(marker, 0x00 | 0x01 | 0xd0..=0xd8 | 0xff) {
                 at += 1;
                 continue;
             }
@@ -267,6 +268,16 @@ mod tests {
         encoder.set_progressive(progressive);
         encoder.encode(&bytes, width, height, jpeg_encoder::ColorType::Rgb).unwrap();
         out
+    }
+
+    #[test]
+    fn bytes_between_segments_are_padding() {
+        for progressive in [false, true] {
+            let whole = photo(progressive, false);
+            let second = 4 + usize::from(u16::from_be_bytes([whole[4], whole[5]]));
+            let padded = [&whole[..second], &[0, 0x12, 0xff], &whole[second..]].concat();
+            assert!(!lacks_data(&padded), "{progressive}");
+        }
     }
 
     #[test]

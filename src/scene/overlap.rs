@@ -2,16 +2,10 @@
 
 use super::Scene;
 
-/// Groups of photos that see the same points, the largest first.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Overlap {
-    /// Names of the photos of each group, in ascending order.
-    pub groups: Vec<Vec<String>>,
-}
-
 impl Scene {
-    /// The groups of photos that points connect; none where points have no tracks.
-    pub fn overlap(&self) -> Option<Overlap> {
+    /// The groups of photos that points connect: the photos' names in ascending order, the largest group first. None where
+    /// points have no tracks.
+    pub fn overlap(&self) -> Option<Vec<Vec<String>>> {
         if self.points.iter().all(|point| point.track.is_empty()) {
             return None;
         }
@@ -34,7 +28,7 @@ impl Scene {
         }
         groups.retain(|group| !group.is_empty());
         groups.sort_by_key(|group| std::cmp::Reverse(group.len()));
-        Some(Overlap { groups })
+        Some(groups)
     }
 }
 

@@ -98,12 +98,12 @@ pub struct View {
     pub face: Option<Face>,
     /// The photo's real size, if a photo with a legible header was found.
     pub photo_size: Option<(u32, u32)>,
-    undistorts: bool,
+    pub(super) undistorts: bool,
 }
 
 impl View {
-    /// A view at a pose (world to camera), undistorted to `ideal` where that is given.
-    pub(crate) fn new(name: String, lens: Lens, pose: (DMat3, DVec3), ideal: Option<Pinhole>) -> Self {
+    /// A view at a pose (world to camera), whose photo is not undistorted.
+    pub(super) fn new(name: String, lens: Lens, pose: (DMat3, DVec3)) -> Self {
         let camera = Camera {
             rotation: pose.0,
             translation: pose.1,
@@ -113,7 +113,7 @@ impl View {
             height: lens.height,
             whole: None,
         };
-        let mut view = Self {
+        Self {
             name,
             image: PathBuf::new(),
             mask: None,
@@ -127,9 +127,7 @@ impl View {
             face: None,
             photo_size: None,
             undistorts: false,
-        };
-        view.put(ideal);
-        view
+        }
     }
 
     /// The view of a face of this one's photo, without what is nearer than `pole` (radians) to straight down in the photo.
@@ -159,7 +157,7 @@ impl View {
         }
         let lens = Lens::panorama(width.into(), height.into()).map_err(|what| Error::photo(photo, what))?;
         let name = photo.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let mut whole = Self::new(name, lens, (DMat3::IDENTITY, DVec3::ZERO), None);
+        let mut whole = Self::new(name, lens, (DMat3::IDENTITY, DVec3::ZERO));
         (whole.image, whole.mask) = (photo.to_owned(), mask.map(Path::to_owned));
         Ok(faces::of(&lens).iter().map(|cut| (cut.name, whole.cut(cut, 0.0))).collect())
     }
@@ -179,11 +177,12 @@ impl View {
         self.undistorts
     }
 
-    fn put(&mut self, ideal: Option<Pinhole>) {
+    /// Sets the lens. The camera gets the lens's size, and the intrinsics of `ideal`, or the lens's if there is none.
+    pub(super) fn set_lens(&mut self, lens: Lens, ideal: Option<Pinhole>) {
+        let Pinhole { focal, principal } = ideal.unwrap_or(Pinhole { focal: lens.focal, principal: lens.principal });
+        self.camera = Camera { focal, principal, width: lens.width, height: lens.height, ..self.camera };
         self.undistorts = ideal.is_some();
-        let Pinhole { focal, principal } =
-            ideal.unwrap_or(Pinhole { focal: self.lens.focal, principal: self.lens.principal });
-        (self.camera.focal, self.camera.principal) = (focal, principal);
+        self.lens = lens;
     }
 
     /// The size of the photo found, if it differs from the lens's because its shape does not fit.

@@ -3,6 +3,7 @@
 use super::Error;
 use super::camera::Camera;
 use super::read_text;
+use super::readers::pose;
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde_json::Value;
 use std::path::Path;
@@ -170,7 +171,7 @@ fn looking(key: &Value, frame: &Frame) -> Result<Camera, String> {
     if let Some(name) = key.as_object().and_then(|key| key.keys().find(|name| !known.contains(&name.as_str()))) {
         return Err(format!("{name} is unknown; a key has eye, target, up and fov"));
     }
-    let point = |name: &str| numbers_of::<3>(&key[name]).map(DVec3::from_array);
+    let point = |name: &str| point_of(&key[name]);
     let eye = point("eye").ok_or("eye: write [x, y, z]")?;
     let target = point("target").ok_or("target: write [x, y, z]")?;
     let up = if key["up"].is_null() { frame.up } else { point("up").ok_or("up: write [x, y, z]")? };
@@ -185,23 +186,13 @@ fn looking(key: &Value, frame: &Frame) -> Result<Camera, String> {
 
 /// A camera of nerfstudio: camera to world, x right, y up, looking along -z.
 fn posed(key: &Value, frame: &Frame) -> Result<Camera, String> {
-    let flat = match &key["camera_to_world"] {
-        Value::Array(rows) if rows.iter().all(Value::is_array) => {
-            Value::Array(rows.iter().flat_map(|row| row.as_array().cloned().unwrap_or_default()).collect())
-        }
-        other => other.clone(),
-    };
-    let form = "camera_to_world: write 16 numbers, row by row";
-    let m = numbers_of::<16>(&flat).ok_or(form)?;
-    let columns = [0, 1, 2].map(|c| DVec3::new(m[c], m[4 + c], m[8 + c]).try_normalize());
-    let [Some(right), Some(up), Some(back)] = columns else { return Err(form.into()) };
-    let rotation = DMat3::from_cols(right, -up, -back).transpose();
-    if (rotation.determinant() - 1.0).abs() > 1e-3 {
-        return Err("camera_to_world: its axes are not orthogonal".into());
-    }
-    let eye = DVec3::new(m[3], m[7], m[11]);
+    let rows = pose::rows(&key["camera_to_world"]).ok_or("camera_to_world: write 16 numbers, row by row")?;
+    // Editors round their matrices to a few decimals.
+    let pose = pose::from_opengl_skewed(&rows, 0.04);
+    let (rotation, translation) =
+        pose.ok_or("camera_to_world: its axes are not orthogonal and right-handed, or not all its numbers finite")?;
     let plain = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, fov(key, frame)?, frame.size.0, frame.size.1);
-    Ok(Camera { rotation, translation: -(rotation * eye), ..plain })
+    Ok(Camera { rotation, translation, ..plain })
 }
 
 fn fov(key: &Value, frame: &Frame) -> Result<f64, String> {
@@ -214,9 +205,9 @@ fn fov(key: &Value, frame: &Frame) -> Result<f64, String> {
     }
 }
 
-fn numbers_of<const N: usize>(value: &Value) -> Option<[f64; N]> {
+fn point_of(value: &Value) -> Option<DVec3> {
     let numbers: Option<Vec<f64>> = value.as_array()?.iter().map(Value::as_f64).collect();
-    numbers?.try_into().ok()
+    Some(DVec3::from_array(numbers?.try_into().ok()?))
 }
 
 #[cfg(test)]
@@ -245,7 +236,7 @@ mod tests {
         }
         for camera in &path {
             let seen = camera.rotation * DVec3::ZERO + camera.translation;
-            assert!(seen.z > 0.0 && (seen.x / seen.z).abs() < 0.1, "it goes on looking at the middle: {seen}");
+            assert!(seen.z > 0.0 && (seen.x / seen.z).abs() < 0.1, "it keeps looking at the middle: {seen}");
             assert!((camera.rotation.determinant() - 1.0).abs() < 1e-9);
         }
     }
@@ -284,6 +275,12 @@ mod tests {
         assert_eq!(posed[0].centre(), DVec3::new(1.0, 2.0, 3.0));
         let seen = posed[0].rotation * DVec3::new(1.0, 3.0, 1.0) + posed[0].translation;
         assert_eq!(seen, DVec3::new(0.0, -1.0, 2.0));
+        // A turn of 30 degrees about y, rounded to two decimals.
+        let rounded = read(
+            r#"{"camera_path": [{"camera_to_world": [0.87,0,0.5,0, 0,1,0,0, -0.5,0,0.87,0, 0,0,0,1]}, {"camera_to_world": [0.87,0.25,0.43,0, 0,0.87,-0.5,0, -0.5,0.43,0.75,0, 0,0,0,1]}]}"#,
+        );
+        let near = |camera: &Camera| (camera.rotation.determinant() - 1.0).abs() < 1e-12;
+        assert!(rounded.unwrap().cameras.iter().all(near));
         let pose = r#"[{"camera_to_world": [1,0,0,1, 0,1,0,2, 0,0,1,3, 0,0,0,1]}]"#;
         let sized = |frame: &Frame| {
             let text = format!(r#"{{"render_width": 320, "render_height": 200, "camera_path": {pose}}}"#);
@@ -304,6 +301,7 @@ mod tests {
             (r#"{"camera_path": [{"camera_to_world": [0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0]}]}"#, "camera_path[0]"),
             (r#"{"camera_type": "equirectangular", "camera_path": [0]}"#, "--panorama"),
             (r#"{"camera_path": [{"camera_to_world": [1,1,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}]}"#, "orthogonal"),
+            (r#"{"camera_path": [{"camera_to_world": [-1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1]}]}"#, "right-handed"),
         ] {
             let error = read(bad).unwrap_err().to_string();
             assert!(error.contains(says) && error.contains("path.json"), "{bad}: {error}");

@@ -19,7 +19,6 @@ use crate::response::{Responses, Score, Wanted};
 use crate::scene::Photo;
 use crate::scene::camera::Camera;
 use crate::train::{Options, Trainer};
-use bytemuck::Pod;
 use std::ops::ControlFlow;
 
 /// The variable that replaces the fingerprint, for tests of the errors on a foreign device.
@@ -49,8 +48,8 @@ pub fn fingerprint(device: &Device) -> Result<String, Error> {
 
     let sums = [
         crc32([bytemuck::cast_slice(&drawn.image.pixels)]),
-        of_model(&drawn.gradients),
-        of_model(&trained),
+        crc32(drawn.gradients.bytes()),
+        crc32(trained.bytes()),
         of_responses(&responses),
     ];
     let sums = sums.into_iter().chain(blocks(device, &trained, &responses)?);
@@ -77,18 +76,9 @@ fn blocks(device: &Device, model: &Gaussians, responses: &Responses) -> Result<[
     study.merge(device, &resident, &mut merged, &keep[0])?;
     let Responses { scores, cameras, dilation, .. } = responses;
     let pairs = pairs::merge(model, scores, cameras, *dilation, model.len() / 2);
-    Ok([crc32([marks.as_slice()]), crc32(bytes(&merged).into_iter().chain(bytes(&pairs.model)))])
+    Ok([crc32([marks.as_slice()]), crc32(merged.bytes().chain(pairs.model.bytes()))])
 }
 
 fn of_responses(responses: &Responses) -> u32 {
     crc32([bytemuck::cast_slice(&responses.channels), bytemuck::cast_slice::<Score, u8>(&responses.scores)])
-}
-
-fn of_model<T: Pod>(model: &Gaussians<T>) -> u32 {
-    crc32(bytes(model))
-}
-
-/// The bytes of each attribute.
-fn bytes<T: Pod>(model: &Gaussians<T>) -> impl IntoIterator<Item = &[u8]> {
-    model.attributes().into_array().map(bytemuck::cast_slice)
 }

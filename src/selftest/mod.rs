@@ -159,7 +159,6 @@ const CASES: &[Case] = &[
     quick("sort", "few bits, ties, orders", primitives::sort_kinds),
     full("sort", "1,000,003 pairs", |d| Ok(vec![("wrong words", sort(d, &words(LARGE, 4), 32)?, Allowed::Exact(0.0))])),
     quick("compact", "sizes up to 65,537", primitives::compaction),
-    quick("sum", "segments of 0 to 199 rows", primitives::segments),
     quick("overlap", "known pairs", overlap::known),
     quick("overlap", "500 random pairs", |d| overlap::random(d, 500)),
     full("overlap", "10,000 random pairs", |d| overlap::random(d, 10_000)),

@@ -116,11 +116,7 @@ pub fn random_rows(count: usize, parallel: bool, seed: u64) -> Vec<Row> {
 
 /// Errors against the twin, ascending, and the number of NaNs.
 pub fn errors(device: &Device, rows: &[Row], method: Method) -> Result<(Vec<f64>, usize)> {
-    let primitive = |r: &Row| Primitive {
-        position: r.0.map(f64::from),
-        scales: r.1.map(|s| f64::from(s).exp()),
-        quaternion: r.2.map(f64::from),
-    };
+    let primitive = |r: &Row| Primitive::of(r.0, r.1, r.2);
     let got = on_device(device, rows, Metric { method, ..Metric::default() })?;
     let expected = rows.chunks_exact(2).map(|p| overlap(&primitive(&p[0]), &primitive(&p[1])));
     let mut errors: Vec<f64> = got.iter().zip(expected).map(|(g, e)| (f64::from(*g) - e).abs()).collect();

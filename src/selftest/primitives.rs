@@ -1,9 +1,9 @@
-//! Scan, sort, compaction and segmented sum: exact against the host.
+//! Scan, sort and compaction: exact against the host.
 
 use super::Allowed::Exact;
 use super::Measure;
 use crate::gpu::{Device, Recording, Result};
-use crate::primitives::{Count, Pairs, Scan, Segments, Sort, compact, segmented_sum};
+use crate::primitives::{Count, Pairs, Scan, Sort, compact};
 use crate::random::Random;
 
 pub(super) const LARGE: u32 = 1_000_003;
@@ -47,7 +47,7 @@ pub(super) fn scan(device: &Device, data: &[u32]) -> Result<f64> {
     let count = Count::known(device, "count", n, &[Scan::block(device)])?;
     let scan = Scan::new(device, n)?;
     let mut recording = Recording::new();
-    scan.record(&mut recording, &count, (&source).into(), &target, Some(&total));
+    scan.record(&mut recording, &count, (&source).into(), &target, &total);
     device.run(recording)?;
     let (sums, sum) = exclusive_sum(data);
     let wrong = if sum < u32::MAX { differing(&target.read_first(device, n as usize)?, &sums) } else { 0.0 };
@@ -122,27 +122,4 @@ pub(super) fn compaction(device: &Device) -> Result<Vec<Measure>> {
         let keys = differing(&pairs.keys.read_first(device, kept.len())?, &kept_keys);
         Ok(number + keys + differing(&pairs.values.read_first(device, kept.len())?, &kept))
     })
-}
-
-pub(super) fn segments(device: &Device) -> Result<Vec<Measure>> {
-    let lengths: Vec<u32> = (0..200).collect();
-    let (starts, rows) = exclusive_sum(&lengths);
-    let width = 3;
-    let mut random = Random(6);
-    let data: Vec<f32> = (0..rows * width).map(|_| random.within(-1.0, 1.0) as f32).collect();
-    let count = Count::known(device, "segments", lengths.len() as u32, &[])?;
-    let sums = device.buffer::<f32>("sums", lengths.len() * width as usize)?;
-    let (d_starts, d_lengths) = (device.upload("starts", &starts)?, device.upload("lengths", &lengths)?);
-    let d_rows = device.upload("rows", &data)?;
-    let mut recording = Recording::new();
-    let segments = Segments { starts: &d_starts, lengths: &d_lengths };
-    segmented_sum(&mut recording, &count, segments, &d_rows, &sums, width);
-    device.run(recording)?;
-    let expected: Vec<f32> = (0..lengths.len() * width as usize)
-        .map(|i| {
-            let (s, c) = (i / width as usize, i as u32 % width);
-            (starts[s]..starts[s] + lengths[s]).map(|r| data[(r * width + c) as usize]).sum()
-        })
-        .collect();
-    Ok(vec![("wrong sums", differing(&sums.read(device)?, &expected), Exact(0.0))])
 }

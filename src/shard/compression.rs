@@ -5,6 +5,7 @@ use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::{Gaussians, formats};
 use crate::job::output::{absolute, bytes_on_disk, respell};
 use crate::job::records::{ModelFile, PruneRecord, StageScores, ViewStages};
+use crate::job::sealed::value;
 use crate::job::{Error, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
 use crate::pipeline::prepare::{contents, crc32_of_file, open};
@@ -86,7 +87,7 @@ impl CompressPlan {
             chunks,
             test_views,
             photos,
-            protocol: serde_json::to_value(protocol).map_err(|e| Error::encoding("the plan", e))?,
+            protocol: value(&protocol).map_err(|e| Error::encoding("the plan", e))?,
         })
     }
 

@@ -18,11 +18,10 @@ pub use task::{Listed, Stage, Task};
 
 use crate::gaussians::formats;
 use crate::job::{Error, Session, Watcher};
+use crate::lock::{Attempt, attempt};
 use crate::wording::mebibytes;
 use files::Files;
-use fs4::{FileExt, TryLockError};
 use std::fs::{File, OpenOptions};
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -164,11 +163,10 @@ impl Shard {
         let file = OpenOptions::new().write(true).create(true).truncate(false).open(&path).map_err(failed)?;
         let mut told = false;
         loop {
-            match FileExt::try_lock(&file) {
-                Ok(()) => return Ok(Some(file)),
-                Err(TryLockError::WouldBlock) => watcher.unless_stopped()?,
-                Err(TryLockError::Error(error)) if error.kind() == io::ErrorKind::Unsupported => return Ok(None),
-                Err(TryLockError::Error(error)) => return Err(failed(error)),
+            match attempt(&file).map_err(failed)? {
+                Attempt::Locked => return Ok(Some(file)),
+                Attempt::WithoutLocks => return Ok(None),
+                Attempt::Busy => watcher.unless_stopped()?,
             }
             if !told {
                 watcher.note(&format!("{task}: waiting for another process that runs it"));
@@ -179,8 +177,10 @@ impl Shard {
     }
 
     fn is_locked(&self, task: Task) -> bool {
-        let Ok(file) = File::open(self.lock_file(task)) else { return false };
-        matches!(FileExt::try_lock(&file), Err(TryLockError::WouldBlock))
+        let path = self.lock_file(task);
+        // A reader of the folder may not be allowed to write, and can still see the lock, except on NFS.
+        let file = OpenOptions::new().write(true).open(&path).or_else(|_| File::open(&path));
+        file.and_then(|file| attempt(&file)).is_ok_and(|attempt| attempt == Attempt::Busy)
     }
 
     fn state_of_files(&self, task: Task) -> State {

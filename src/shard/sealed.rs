@@ -1,25 +1,16 @@
-//! JSON files of tasks, with the plan's hash and a checksum of the content; and figures for readers, which end with both.
+//! JSON files of tasks: sealed content with the plan's hash and the task's name; and figures for readers, sealed with
+//! the plan's hash.
 
 use crate::job::Error;
-use crate::job::sealed::{DAMAGED, checksum, open, seal};
+use crate::job::sealed::{open, seal, value};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
-
-#[derive(Debug, Serialize, Deserialize)]
-struct Sealed {
-    plan: String,
-    task: String,
-    crc32: u32,
-    content: Value,
-}
+use serde_json::{Value, json};
 
 /// The bytes of a file with this content.
 pub(super) fn bytes(plan: &str, task: &str, content: &impl Serialize) -> Result<Vec<u8>, Error> {
-    let encoding = |e| Error::encoding("a task's figures", e);
-    let content = serde_json::to_value(content).map_err(encoding)?;
-    let sealed = Sealed { plan: plan.to_owned(), task: task.to_owned(), crc32: checksum(&content), content };
-    serde_json::to_vec_pretty(&sealed).map_err(encoding)
+    let content = value(content).map_err(|e| Error::encoding("a task's figures", e))?;
+    Ok(format!("{:#}", seal(json!({ "plan": plan, "task": task, "content": content }))).into_bytes())
 }
 
 /// The bytes of figures that readers know, an object, with the plan's hash and a checksum of what comes before it.
@@ -46,12 +37,9 @@ pub(super) fn check(named: [&str; 2], wanted: [&str; 2]) -> Result<(), String> {
 
 /// The content of a file that task `task` of plan `plan` wrote, or what is wrong with it.
 pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8], plan: &str, task: &str) -> Result<T, String> {
-    let sealed: Sealed = serde_json::from_slice(bytes).map_err(|e| format!("it is damaged: {e}"))?;
-    check([&sealed.plan, &sealed.task], [plan, task])?;
-    if sealed.crc32 != checksum(&sealed.content) {
-        return Err(DAMAGED.to_owned());
-    }
-    serde_json::from_value(sealed.content).map_err(|e| format!("it is damaged: {e}"))
+    let mut document = open(bytes)?;
+    check(["plan", "task"].map(|name| document[name].as_str().unwrap_or_default()), [plan, task])?;
+    serde_json::from_value(document["content"].take()).map_err(|e| format!("it is damaged: {e}"))
 }
 
 #[cfg(test)]

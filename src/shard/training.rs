@@ -6,6 +6,7 @@ use super::files::Files;
 use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::Gaussians;
 use crate::job::records::PruneRecord;
+use crate::job::sealed::value;
 use crate::job::session::Session;
 use crate::job::{Error, Output};
 use crate::pipeline::evaluate::Assessment;
@@ -35,20 +36,6 @@ struct Collected {
     gaussians: usize,
 }
 
-/// The Gaussians of all blocks at a meeting, and the first row of each block.
-struct Met(Gaussians, Vec<usize>);
-
-impl Met {
-    fn read(files: &Files, collect: Task) -> Result<Self, Error> {
-        let (model, Collected { starts, .. }) = files.model(collect)?;
-        Ok(Self(model, starts))
-    }
-
-    fn meeting(&self) -> Meeting<'_> {
-        Meeting { collected: &self.0, starts: &self.1 }
-    }
-}
-
 /// The choice among all Gaussians.
 #[derive(Serialize, Deserialize)]
 struct Chosen {
@@ -57,16 +44,10 @@ struct Chosen {
     quotas: Vec<usize>,
 }
 
-/// Notes beside a block at the second meeting.
-#[derive(Serialize, Deserialize)]
-struct Pruned {
-    prune: Option<PruneRecord>,
-}
-
-/// Notes beside a block after the second meeting; those of all blocks are stored beside the joined model.
+/// Notes beside a block from the second meeting on; those of all blocks are stored beside the joined model.
 #[derive(Clone, Serialize, Deserialize)]
 struct Ended {
-    /// Number of its own Gaussians; copies of its neighbours' follow them.
+    /// Number of its own Gaussians; after the second meeting, copies of its neighbours' follow them.
     gaussians: usize,
     prune: Option<PruneRecord>,
     skipped_rows: u64,
@@ -83,6 +64,18 @@ impl Ended {
 #[derive(Serialize, Deserialize)]
 struct Joined {
     blocks: Vec<Ended>,
+}
+
+/// The meeting whose Gaussians the task `collect` wrote.
+fn meeting(files: &Files, collect: Task) -> Result<Meeting, Error> {
+    let (collected, Collected { starts, .. }) = files.model(collect)?;
+    Ok(Meeting { collected, starts })
+}
+
+/// The contents of the files of a task that trains a block: its state, and its notes.
+fn with_notes(files: &Files, task: Task, block: BlockState) -> Result<Vec<Vec<u8>>, Error> {
+    let ended = Ended::of(&block);
+    Ok(vec![files.state_bytes(task, block.state)?, files.seal(task, &ended)?])
 }
 
 impl BlockRun {
@@ -155,8 +148,7 @@ impl BlockRun {
             Stage::Collect => files.beside::<Collected>(task).map(drop),
             Stage::Evidence => files.part(task, files.sealed::<Collected>(FIRST)?.gaussians).map(drop),
             Stage::Choose => files.sealed::<Chosen>(task).map(drop),
-            Stage::Tune => files.state(task).and_then(|_| files.sealed::<Pruned>(task)).map(drop),
-            Stage::Settle => files.state(task).and_then(|_| files.sealed::<Ended>(task)).map(drop),
+            Stage::Tune | Stage::Settle => files.state(task).and_then(|_| files.sealed::<Ended>(task)).map(drop),
             Stage::Finish => files.beside::<Ended>(task).map(drop),
             Stage::Join => files.beside::<Joined>(task).map(drop),
             Stage::Score => files.sealed::<Assessment>(task).map(drop),
@@ -190,8 +182,8 @@ impl BlockRun {
                 Ok(vec![files.part_bytes(task, responses)?])
             }
             Stage::Choose => {
-                let met = Met::read(files, FIRST)?;
-                let (meeting, n) = (met.meeting(), met.0.len());
+                let meeting = meeting(files, FIRST)?;
+                let n = meeting.collected.len();
                 let chunks = self.chunks_of_evidence().map(|chunk| Ok(files.part(chunk, n)?.responses(n)));
                 let (prune, quotas) = self.choose(session, &meeting, chunks)?;
                 Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
@@ -210,9 +202,10 @@ impl BlockRun {
 
     /// The scene of the blocks' blended copies, and its notes.
     fn blended(&self, files: &Files, task: Task, blocks: impl Iterator<Item = Task>) -> Result<Vec<Vec<u8>>, Error> {
-        let met = Met::read(files, SECOND)?;
-        let of = copies(&files.sealed(ASSIGN)?, &met.meeting());
-        let (mut model, mut notes) = (Gaussians::zeroed(met.0.len(), met.0.degree()), Vec::new());
+        let meeting = meeting(files, SECOND)?;
+        let of = copies(&files.sealed(ASSIGN)?, &meeting);
+        let all = &meeting.collected;
+        let (mut model, mut notes) = (Gaussians::zeroed(all.len(), all.degree()), Vec::new());
         for (block, copies) in blocks.zip(&of) {
             let (of_block, ended) = match block.stage {
                 Stage::Settle => (files.state(block)?.model, files.sealed::<Ended>(block)?),
@@ -238,31 +231,27 @@ impl BlockRun {
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let met = Met::read(files, FIRST)?;
+        let meeting = meeting(files, FIRST)?;
         let came = |b: usize| files.state(Task::part(Stage::Dense, b));
-        let BlockState { state, prune, .. } =
-            self.tune(session, (&layout, b, quota), (&met.meeting(), &came), &output)?;
-        Ok(vec![files.state_bytes(task, state)?, files.seal(task, &Pruned { prune })?])
+        with_notes(files, task, self.tune(session, (&layout, b, quota), (&meeting, &came), &output)?)
     }
 
     fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let met = Met::read(files, SECOND)?;
+        let meeting = meeting(files, SECOND)?;
         let came = |b: usize| files.state(Task::part(Stage::Tune, b));
-        let Pruned { prune } = files.sealed(Task::part(Stage::Tune, b))?;
-        let settled = self.settle(session, (&layout, b), (&met.meeting(), &came, prune.as_ref()), &output)?;
-        let ended = Ended::of(&settled);
-        Ok(vec![files.state_bytes(task, settled.state)?, files.seal(task, &ended)?])
+        let Ended { prune, .. } = files.sealed(Task::part(Stage::Tune, b))?;
+        with_notes(files, task, self.settle(session, (&layout, b), (&meeting, &came, prune.as_ref()), &output)?)
     }
 
     fn finished(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let met = Met::read(files, SECOND)?;
+        let meeting = meeting(files, SECOND)?;
         let (blended, Joined { .. }) = files.model(THIRD)?;
         let own = Task::part(Stage::Settle, b);
         let (state, Ended { gaussians, prune, .. }) = (files.state(own)?, files.sealed(own)?);
         let settled = BlockState { copies: state.model.len() - gaussians, state, prune };
-        let finished = self.finish(session, (&layout, b), (&met.meeting(), &blended, settled), &output)?;
+        let finished = self.finish(session, (&layout, b), (&meeting, &blended, settled), &output)?;
         files.with_model(task, &finished.state.model, (self.config.style.mode(), self.origin), Ended::of(&finished))
     }
 
@@ -284,7 +273,7 @@ impl BlockRun {
             "schema": record.schema,
             "version": record.version,
             "device": record.device,
-            "protocol": record.protocol,
+            "protocol": value(&record.protocol).map_err(|e| Error::encoding("the figures", e))?,
             "gaussians": record.gaussians,
             "test": record.test,
             "test_unfitted_psnr": record.unfitted_psnr,

@@ -3,15 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use super::{Effect, Kind};
-use crate::wording::unknown;
 
 /// The reason why no synthetic scene was written.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "fields are parts of the message")]
 pub enum Error {
-    /// The effect is not in the list of [`Effect::ALL`].
-    #[error("{}", unknown(name, "an effect", Effect::ALL.map(Effect::name)))]
-    UnknownEffect { name: String },
     /// Two effects that exclude each other were requested.
     #[error("effects \"{0}\" and \"{1}\" exclude each other")]
     Conflict(Effect, Effect),

@@ -2,57 +2,30 @@
 
 use super::{Error, lens::Calibration};
 use crate::wording::named;
-use std::str::FromStr;
 
 named! {
     /// A part of image formation that the scene can require.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
     pub enum Effect {
-        /// Every photo has its own gain and white balance.
+        /// Every photo has its own gain (+-15 %) and white balance
         Exposure = "exposure",
-        /// The lens has radial and tangential distortion (COLMAP's `OPENCV`).
+        /// The lens bends the picture by several pixels (OPENCV: k1, k2, p1, p2)
         Distortion = "distortion",
-        /// The lens is a fisheye (COLMAP's `OPENCV_FISHEYE`).
+        /// A fisheye lens (OPENCV_FISHEYE: k1..k4)
         Fisheye = "fisheye",
-        /// Photos carry alpha: sky and floor are transparent.
+        /// Photos carry alpha: sky and floor are transparent
         Alpha = "alpha",
-        /// An object moves between photos and masks hide it.
+        /// Something moves between photos; masks/ hides it and its shadow (black = ignore)
         Masks = "masks",
-        /// Cameras stand near and far.
+        /// Near and far cameras: pixel footprints differ by a factor of 4 and more
         Scales = "scales",
-        /// Every surface reflects.
+        /// All surfaces are glossy: all colours are view-dependent
         Glossy = "glossy",
-        /// No surface reflects.
+        /// No surface reflects: colours depend on the view nowhere
         Matte = "matte",
-        /// Several cameras with their own focal length and size took the photos.
+        /// Three cameras with their own focal lengths and picture sizes
         Cameras = "cameras",
-    }
-}
-
-impl Effect {
-    /// One line for the help.
-    pub const fn description(self) -> &'static str {
-        match self {
-            Self::Exposure => "every photo has its own gain (+-15 %) and white balance",
-            Self::Distortion => "the lens bends the picture by several pixels (OPENCV: k1, k2, p1, p2)",
-            Self::Fisheye => "a fisheye lens (OPENCV_FISHEYE: k1..k4)",
-            Self::Alpha => "photos carry alpha: sky and floor are transparent",
-            Self::Masks => "something moves between photos; masks/ hides it and its shadow (black = ignore)",
-            Self::Scales => "near and far cameras: pixel footprints differ by a factor of 4 and more",
-            Self::Glossy => "all surfaces are glossy: all colours are view-dependent",
-            Self::Matte => "no surface reflects: colours depend on the view nowhere",
-            Self::Cameras => "three cameras with their own focal lengths and picture sizes",
-        }
-    }
-}
-
-impl FromStr for Effect {
-    type Err = Error;
-
-    fn from_str(text: &str) -> Result<Self, Error> {
-        let name = text.trim();
-        let found = Self::ALL.into_iter().find(|e| e.name().eq_ignore_ascii_case(name));
-        found.ok_or_else(|| Error::UnknownEffect { name: name.to_owned() })
     }
 }
 

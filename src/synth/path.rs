@@ -1,6 +1,6 @@
 //! Cameras of the photos: positions, devices and exposures.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use glam::{DVec2, DVec3, Vec3};
 
@@ -13,6 +13,7 @@ use super::{
     random::{Random, Stream},
     terrain,
 };
+use crate::scene;
 use crate::scene::camera::Camera;
 use crate::scene::lens::LensModel;
 
@@ -100,8 +101,8 @@ pub(super) fn devices(options: &SynthOptions) -> Result<Vec<Device>, Error> {
     };
     if options.kind == Kind::Panorama {
         let (width, height) = (options.width, options.height);
-        let size = DVec2::new(f64::from(width), f64::from(height));
-        let (focal, principal) = (size / DVec2::new(TAU, PI), 0.5 * size);
+        let whole = scene::lens::Lens::panorama(width.into(), height.into()).map_err(Error::Lens)?;
+        let (focal, principal) = (whole.focal, whole.principal);
         return Ok(vec![Device { width, height, focal, principal, lens: Lens::Panorama }]);
     }
     let device = |width: u32, height: u32, zoom: f64, shift: DVec2| {

@@ -212,7 +212,7 @@ impl Choice {
         let count = training.count();
         let total = Count::new(device, "new Gaussians", u32::MAX, &[])?;
         let scan = Scan::new(device, training.trained() as u32)?;
-        scan.record(&mut recording, count, (&self.copies).into(), &self.offsets, Some(&total));
+        scan.record(&mut recording, count, (&self.copies).into(), &self.offsets, &total);
         device.run(recording)?;
         self.after = total.value.read(device)?[0] as usize;
         Ok(())

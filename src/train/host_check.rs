@@ -3,10 +3,10 @@
 use super::error::Result;
 use super::loss::Loss;
 use crate::gpu::{Device, Readback, Recording, Timings};
-use crate::render::{BackwardCounts, Counters, TrainingRenderer};
+use crate::render::{BackwardCounts, TrainingRenderer};
 
-/// Words of [`Counters`]; the loss's sums follow them.
-const COUNTERS: usize = Counters::WORDS;
+/// Words of [`TrainingRenderer::counters`]: two of the backward passes, two of the pairs. The loss's sums follow them.
+const COUNTERS: usize = 4;
 const SUMS: usize = 4;
 
 /// Host memory for the results of a check.
@@ -55,7 +55,7 @@ impl HostCheck {
     pub fn wait(&mut self) -> Result<Seen> {
         let (words, timings) = self.readback.wait()?;
         let (counters, sums) = words.split_at(COUNTERS);
-        let Counters { backward, pairs } = Counters::of(counters);
-        Ok(Seen { counts: backward, pairs, sums: std::array::from_fn(|k| f32::from_bits(sums[k])), timings })
+        let sums = std::array::from_fn(|k| f32::from_bits(sums[k]));
+        Ok(Seen { counts: BackwardCounts::of(counters), pairs: counters[3], sums, timings })
     }
 }

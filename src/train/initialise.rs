@@ -129,7 +129,8 @@ pub fn random_in(photos: &[Photo], count: usize, (blender, near): (bool, f32), s
         }
         let missing = (count - found.len()) as u64;
         // As many rays as the success rate so far suggests, and a few more.
-        let round = if tried == 0 { missing } else { missing * tried / (found.len() as u64).max(tried / 64) + 64 };
+        let round =
+            if tried == 0 { missing } else { missing * tried / (found.len() as u64).max(tried / 64).max(1) + 64 };
         let round = round.min(ROUND).min(most - tried);
         let rays = tried..tried + round;
         let drawn: Vec<Option<Seed>> =

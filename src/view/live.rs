@@ -13,7 +13,7 @@ use crate::gaussians::formats::RenderMode;
 use crate::gpu::Device;
 use crate::job::diagnostics::Diagnostics;
 use crate::job::run_log::LogLine;
-use crate::job::{Error, Watcher};
+use crate::job::{Error, Stage, Watcher};
 use crate::train::{Progress, Trainer};
 use serde_json::json;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -141,20 +141,12 @@ impl<'a> Live<'a> {
 }
 
 impl Watcher for Live<'_> {
-    fn posing(&self, stage: &'static str, done: usize, total: usize) {
-        self.beside.posing(stage, done, total);
-    }
-
-    fn loading(&self, done: usize, total: usize) {
-        self.beside.loading(done, total);
+    fn progress(&self, stage: Stage, done: usize, total: usize) {
+        self.beside.progress(stage, done, total);
     }
 
     fn logged(&self, line: &LogLine) {
         self.beside.logged(line);
-    }
-
-    fn trying(&self, done: usize, total: usize) {
-        self.beside.trying(done, total);
     }
 
     fn training(&self, progress: &Progress, until: u32) {
@@ -203,20 +195,8 @@ impl Watcher for Live<'_> {
         std::mem::take(&mut self.state().checkpoint) || self.beside.checkpoint()
     }
 
-    fn responding(&self, done: usize, total: usize) {
-        self.beside.responding(done, total);
-    }
-
     fn pruned(&self, before: &Gaussians, mode: RenderMode, diagnostics: &Diagnostics) -> Result<(), Error> {
         self.beside.pruned(before, mode, diagnostics)
-    }
-
-    fn evaluating(&self, done: usize, total: usize) {
-        self.beside.evaluating(done, total);
-    }
-
-    fn rendering(&self, done: usize, total: usize) {
-        self.beside.rendering(done, total);
     }
 
     fn note(&self, line: &str) {

@@ -106,7 +106,7 @@ fn the_same_bytes(class: DeviceClass) {
     let right = whole(&plain);
     finish(&plain);
     let device = open(Some(Order::Backwards));
-    for order in [Order::Recorded, Order::Backwards, Order::Shuffled(1), Order::Shuffled(2)] {
+    for order in [Order::Backwards, Order::Shuffled(1)] {
         let derived = device.reorder(order, Forget::Nothing);
         assert!(right == whole(&device), "{class} in the order {order:?}, after {} barriers", derived.len());
     }
@@ -134,35 +134,22 @@ fn long_dispatches(device: &Device) -> Vec<u32> {
     all
 }
 
+/// Surplus workgroups find nothing to do. Each tile is walked once, whatever the distance between rows, even one beyond their
+/// number.
 #[test]
-fn surplus_workgroups_find_nothing_to_do() {
+fn surplus_workgroups_and_distances_between_rows_change_nothing() {
     for class in [DeviceClass::Cpu, DeviceClass::Gpu] {
-        let opened = |order| {
-            let tuning = Some(TuningChoice::class(class));
-            opened(|options| (options.tuning, options.harness.order) = (tuning, order))
-        };
-        let [plain, disorder] = [None, Some(Order::Recorded)].map(|order| {
-            let device = opened(order);
+        let stride = |rows: u32| -> TuningChoice { format!("{class},row_stride={rows}").parse().unwrap() };
+        let (own, disorder) = (TuningChoice::class(class), Some(Order::Recorded));
+        let devices = [(own.clone(), None), (own, disorder), (stride(5), None), (stride(1000), None)];
+        let [plain, others @ ..] = devices.map(|(tuning, order)| {
+            let device = opened(|options| (options.tuning, options.harness.order) = (Some(tuning), order));
             let all = long_dispatches(&device);
             finish(&device);
             all
         });
-        assert!(plain == disorder, "as tuned for {class}");
-    }
-}
-
-/// Each tile is walked once, whatever the distance between rows, even one beyond their number.
-#[test]
-fn tiles_are_walked_in_any_order() {
-    for class in [DeviceClass::Cpu, DeviceClass::Gpu] {
-        let all = ["1", "2", "5", "1000"].map(|stride| {
-            let tuning = Some(format!("{class},row_stride={stride}").parse().unwrap());
-            let device = opened(|options| options.tuning = tuning);
-            let all = long_dispatches(&device);
-            finish(&device);
-            all
-        });
-        assert!(all.iter().all(|other| *other == all[0]), "as tuned for {class}");
+        let changed = others.map(|other| other != plain);
+        assert_eq!(changed, [false; 3], "as tuned for {class}, in disorder and with rows 5 and 1000 apart");
     }
 }
 

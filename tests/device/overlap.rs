@@ -6,7 +6,7 @@ mod twin;
 use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
-use qirf_vk::qirf::assemble::{Assembly, Options, unpack_symmetric};
+use qirf_vk::qirf::assemble::{Assembly, Options, symmetric};
 use qirf_vk::qirf::overlap::Metric;
 use qirf_vk::qirf::plan::triangle;
 use twin::Twin;
@@ -138,8 +138,7 @@ pub fn values_not_finite(device: &Device) {
     let m = rows.len();
     let got = overlaps(device, &rows, &[0, m as u32], Metric::default(), 1 << 20);
     assert!(got.iter().all(|n| (0.0..=1.0).contains(n)), "{got:?}");
-    let mut square = vec![0.0_f64; m * m];
-    unpack_symmetric(m, &got, &mut square);
+    let square: Vec<f64> = symmetric(m, &got);
     assert!((0..m).all(|i| square[i * m + i] == 1.0));
     assert!((square[1] - 1.0).abs() < 1e-6 && (square[m - 1] - 1.0).abs() < 1e-6, "same Gaussian; no rotation");
     assert!(square[2] == 0.0, "a NaN mean overlaps with nothing");

@@ -5,7 +5,7 @@ use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Device, Error, Groups, Recording};
 use qirf_vk::kernels::qirf::{Participation, ParticipationPush, ParticipationSpec};
-use qirf_vk::qirf::assemble::{Assembly, Options, unpack_symmetric};
+use qirf_vk::qirf::assemble::{Assembly, Options, symmetric};
 use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::reference::participation::{Participation as Twin, participation};
@@ -28,8 +28,7 @@ fn the_devices_solver_agrees_with_float64() {
     assembly
         .for_each::<Error>(|batch| {
             for (_, block) in batch.iter() {
-                let mut square = vec![0.0; block.m * block.m];
-                unpack_symmetric(block.m, block.overlap, &mut square);
+                let square: Vec<f64> = symmetric(block.m, block.overlap);
                 let (w, scales) = (block.rows().0, block.scales());
                 let h: Vec<[f64; 8]> = w.iter().map(|row| std::array::from_fn(|c| row[c] * scales[c])).collect();
                 let (epsilon, tau) = (f64::from(problem.epsilon), f64::from(problem.tau));

@@ -2,9 +2,7 @@
 
 use crate::support::{device, finish};
 use qirf_vk::gpu::{Buffer, Device, Recording};
-use qirf_vk::primitives::{
-    Count, Pairs, Scan, Segments, Sort, WORKGROUP, Words, compact, gather, reduce, segmented_sum,
-};
+use qirf_vk::primitives::{Count, Pairs, Scan, Sort, WORKGROUP, Words, compact, gather, reduce};
 
 /// Sizes around every boundary: subgroups, workgroups, blocks, powers of two.
 fn sizes(device: &Device) -> Vec<u32> {
@@ -69,11 +67,11 @@ fn scan_is_exact() {
             let target = with_sentinel(&device, &vec![7; n as usize]);
             let total = Count::new(&device, "total", u32::MAX, &[]).unwrap();
             let scan = Scan::new(&device, capacity).unwrap();
-            run(&device, |recording| scan.record(recording, &count, (&source).into(), &target, Some(&total)));
+            run(&device, |recording| scan.record(recording, &count, (&source).into(), &target, &total));
             assert_eq!(without_sentinel(&device, &target), expected, "n = {n} of {capacity}");
             assert_eq!(total.value.read(&device).unwrap(), [sum; 2], "n = {n} of {capacity}");
-            // In place, without a total.
-            run(&device, |recording| scan.record(recording, &count, (&source).into(), &source, None));
+            // In place.
+            run(&device, |recording| scan.record(recording, &count, (&source).into(), &source, &total));
             assert_eq!(without_sentinel(&device, &source), expected, "n = {n} of {capacity}, in place");
         }
     }
@@ -111,7 +109,7 @@ fn totals_saturate() {
         for capacity in [n, many_blocks(&device)] {
             let scan = Scan::new(&device, capacity).unwrap();
             let fits = Count::new(&device, "fits", u32::MAX - 1, &[]).unwrap();
-            run(&device, |recording| scan.record(recording, &count, (&source).into(), &target, Some(&fits)));
+            run(&device, |recording| scan.record(recording, &count, (&source).into(), &target, &fits));
             let valid = if expected == u32::MAX { 0 } else { expected };
             assert_eq!(fits.value.read(&device).unwrap(), [valid, expected], "{n} words of {capacity}");
         }
@@ -217,36 +215,10 @@ fn scan_of_gathered_words() {
         let target = with_sentinel(&device, &vec![9; n as usize]);
         let words = Words { source: &source, indices: Some(&indices) };
         let scan = Scan::new(&device, n).unwrap();
-        run(&device, |recording| scan.record(recording, &count, words, &target, Some(&total)));
+        run(&device, |recording| scan.record(recording, &count, words, &target, &total));
         assert_eq!(without_sentinel(&device, &target), expected, "n = {n}");
         assert_eq!(total.value.read(&device).unwrap(), [sum; 2], "n = {n}");
     }
-    finish(&device);
-}
-
-/// Segments of these lengths, one after the other, of rows of `width` floats: ordered sums are exact to the bit.
-fn check_segments(device: &Device, lengths: &[u32], width: u32) {
-    let (starts, rows) = sums_before(lengths.iter().copied());
-    let rows: Vec<f32> = (0..rows * width).map(|i| noise(5, u64::from(i)) as f32 * 1e-9 - 2.0).collect();
-    let count = Count::known(device, "segments", lengths.len() as u32, &[]).unwrap();
-    let sums = device.buffer::<f32>("sums", lengths.len() * width as usize).unwrap();
-    let (starts_d, lengths_d) = (device.upload("s", &starts).unwrap(), device.upload("l", lengths).unwrap());
-    let rows_d = device.upload("rows", &rows).unwrap();
-    let segments = Segments { starts: &starts_d, lengths: &lengths_d };
-    run(device, |recording| segmented_sum(recording, &count, segments, &rows_d, &sums, width));
-    let column = |s: usize, c: u32| (starts[s]..starts[s] + lengths[s]).map(move |r| (r * width + c) as usize);
-    let sum = |s: usize, c: u32| column(s, c).fold(0.0, |sum: f32, i| sum + rows[i]);
-    let expected: Vec<f32> =
-        (0..lengths.len()).flat_map(|s| (0..width).map(move |c| (s, c))).map(|(s, c)| sum(s, c)).collect();
-    assert_eq!(sums.read(device).unwrap(), expected);
-}
-
-/// One Gaussian may have a slot in every tile, and its neighbours none.
-#[test]
-fn segmented_sum_over_runs() {
-    let device = device();
-    check_segments(&device, &(0..200).collect::<Vec<_>>(), 3);
-    check_segments(&device, &[0, 100_003, 0, 0, 1], 1);
     finish(&device);
 }
 

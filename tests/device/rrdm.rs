@@ -4,7 +4,7 @@ use super::overlap::{Row, blocks, model};
 use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Device, Error};
-use qirf_vk::qirf::assemble::{Assembly, BlockMatrices, Options, unpack_lower, unpack_symmetric};
+use qirf_vk::qirf::assemble::{Assembly, BlockMatrices, Options, symmetric, unpack_lower};
 use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::participation::device::{LARGEST_BLOCK, Problem};
 use qirf_vk::qirf::partition::Partition;
@@ -197,8 +197,7 @@ pub fn solved_hard_cases(device: &Device) {
             assembly
                 .for_each::<Error>(|batch| {
                     for (_, block) in batch.iter() {
-                        let mut overlap = vec![0.0; block.m * block.m];
-                        unpack_symmetric(block.m, block.overlap, &mut overlap);
+                        let overlap: Vec<f64> = symmetric(block.m, block.overlap);
                         let (w, numbers) = (block.rows().0, [f64::from(epsilon), 0.95]);
                         let twin = participation(&overlap, &w, numbers[0], numbers[1]);
                         let draws = if block.m > 64 { 2 } else { 8 };

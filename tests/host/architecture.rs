@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// Rooms of `src` by floor, the lowest first. A room imports from lower floors only.
 const FLOORS: &[&[&str]] = &[
-    &["checksum", "extension", "ply", "random", "solve", "wording"],
+    &["checksum", "extension", "lock", "percent", "ply", "random", "solve", "wording"],
     &["scene"],
     &["gpu"],
     &["kernels"], // generated from glsl/
@@ -67,18 +67,15 @@ const EXEMPT: &[(&str, Place, &str)] = &[
     ("primitives/gather", Place::Twin, "exact: the standard library is the oracle"),
     ("primitives/reduce", Place::Twin, "exact: the standard library is the oracle"),
     ("primitives/scan", Place::Twin, "exact: the standard library is the oracle"),
-    ("primitives/segmented_sum", Place::Twin, "exact: the standard library is the oracle"),
     ("primitives/sort", Place::Twin, "exact: the standard library is the oracle"),
     ("primitives/compact", Place::Label, "timed as part of the stage that calls it"),
     ("primitives/gather", Place::Label, "timed as part of the stage that calls it"),
     ("primitives/reduce", Place::Label, "timed as part of the stage that calls it"),
     ("primitives/scan", Place::Label, "timed as part of the stage that calls it"),
     ("primitives/sort", Place::Label, "timed as part of the stage that calls it"),
-    ("primitives/segmented_sum", Place::Label, "timed as part of the stage that calls it"),
     ("primitives/compact", Place::Bench, "measured in the depth sort"),
     ("primitives/gather", Place::Bench, "measured in the depth sort"),
     ("primitives/reduce", Place::Bench, "one dispatch every 16th iteration"),
-    ("primitives/segmented_sum", Place::Bench, "measured in the backward pass"),
     ("response/residual", Place::Bench, "one dispatch after the loss"),
     ("train/densify", Place::Host, "train/density.rs strings its steps together"),
     ("train/densify", Place::Label, "every hundredth iteration, between submissions that are timed"),

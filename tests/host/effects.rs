@@ -1,9 +1,12 @@
 //! Each detector on a scene that calls for its effect, and on scenes that do not.
 
+use crate::support::runs::config;
 use crate::support::shared;
 use qirf_vk::effects::{Decision, Effect, Overrides, is_on};
-use qirf_vk::pipeline::effects::of_scene;
-use qirf_vk::scene::{OpenOptions, Scene};
+use qirf_vk::job::Silent;
+use qirf_vk::pipeline::effects::{decide, of_scene};
+use qirf_vk::pipeline::prepare;
+use qirf_vk::scene::{OpenOptions, PhotoMemory, Scene};
 use qirf_vk::synth::{self, SynthOptions, write};
 use std::path::Path;
 
@@ -58,13 +61,45 @@ fn synthetic_scenes_call_for_what_they_were_made_for() {
     }
 }
 
-/// Gaussians are left out where few photos are trained on: 24 of 28, not 28 of 32; and none of them is transparent.
+/// Gaussians are left out where few photos are trained on, 24 of 28, and none of them is transparent.
 #[test]
 fn few_photos_need_dropout() {
-    for (views, made, on) in [(28, vec![], true), (28, vec![synth::Effect::Alpha], false), (32, vec![], false)] {
-        let found = of_synth(views, &made);
-        assert_eq!(is_on(&found, Effect::Dropout), on, "{views} {made:?}");
+    for (made, on) in [(vec![], true), (vec![synth::Effect::Alpha], false)] {
+        let found = of_synth(28, &made);
+        assert_eq!(is_on(&found, Effect::Dropout), on, "{made:?}");
     }
+}
+
+/// The gains measured on the photos equal the factors that the photos were multiplied by.
+#[test]
+fn gains_are_those_that_the_photos_were_made_with() {
+    let folder = tempfile::tempdir().unwrap();
+    let effects = vec![synth::Effect::Exposure];
+    let options = SynthOptions { views: 48, width: 64, height: 48, points: 1440, effects, ..Default::default() };
+    write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
+    let config = config(folder.path(), 60);
+    let prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
+    let (_, gains) = decide(&prepared, &config).unwrap();
+    let made: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("synth.json")).unwrap()).unwrap();
+    let of = |name: &str, c: usize| {
+        let photo = made["photos"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap();
+        photo["gain"][c].as_f64().unwrap().ln()
+    };
+    let train = prepared.scene.split(config.eval_every).train;
+    let (mut apart, mut spread) = (0.0, 0.0);
+    for c in 0..3 {
+        let right: Vec<f64> = train.iter().map(|i| of(&prepared.scene.views[*i].name, c)).collect();
+        let mean = right.iter().sum::<f64>() / right.len() as f64;
+        for (right, found) in right.iter().zip(&gains) {
+            apart += (right - mean - f64::from(found[c]).ln()).powi(2);
+            spread += (right - mean).powi(2);
+        }
+    }
+    let n = 3.0 * gains.len() as f64;
+    let (apart, spread) = ((apart / n).sqrt(), (spread / n).sqrt());
+    println!("gains spread by {spread:.4}, found to {apart:.4}");
+    assert!(apart < 0.25 * spread, "{apart} {spread}");
 }
 
 #[test]

@@ -70,7 +70,7 @@ fn networks_hit_the_published_values() {
     }
 }
 
-/// `cargo test --release --test metrics -- --ignored --nocapture` prints the time of LPIPS here.
+/// `cargo test --release --test host metrics:: -- --ignored --nocapture` prints the time of LPIPS here.
 #[test]
 #[ignore = "a measurement"]
 fn time_of_a_pair() {

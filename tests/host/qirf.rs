@@ -7,7 +7,7 @@ mod partition;
 mod real;
 mod select;
 
-use qirf_vk::qirf::assemble::BlockMatrices;
+use qirf_vk::qirf::assemble::{BlockMatrices, symmetric};
 use qirf_vk::qirf::dense::Library;
 use qirf_vk::qirf::participation::{Eigensolver, Gram, Participation, solve};
 use qirf_vk::qirf::partition::Blocks;
@@ -64,7 +64,7 @@ impl Made {
     /// The solution by one of the host's solvers.
     pub fn solved(&self, solver: Eigensolver, library: &'static dyn Library) -> Participation {
         let matrices = self.matrices();
-        let metric = Gram::from_packed(matrices.m, matrices.overlap, None, 1e-4).by(library);
+        let metric = Gram::new(matrices.m, &symmetric(matrices.m, matrices.overlap), None, 1e-4).by(library);
         solve(&metric, &matrices.rows().0, matrices.density, solver, 0.95).0
     }
 }

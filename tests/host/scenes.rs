@@ -2,7 +2,6 @@
 
 mod absent;
 mod clouds;
-mod damage;
 mod dialects;
 mod instead;
 mod leftovers;

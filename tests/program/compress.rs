@@ -7,7 +7,10 @@ use qirf_vk::gaussians::{Gaussians, formats};
 use qirf_vk::job::config::PruneRule;
 use qirf_vk::job::{Error, Session, Watcher};
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
+use qirf_vk::pipeline::compress::fit::Target;
+#[cfg(unix)]
+use qirf_vk::pipeline::compress::peer::Peer;
+use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use qirf_vk::pipeline::virtual_views::VirtualCameras;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::Keep;
@@ -116,7 +119,9 @@ fn the_kept_are_the_originals_and_as_many_as_asked_for() {
 
     for (name, format) in [("c.spz", formats::Format::Spz), ("c.sog", formats::Format::Sog)] {
         let path = folder.path().join(name);
-        let figures = small(&model, &path, &["--keep", "0.5", "--selector", "css", "--merge"]);
+        let more = ["--keep", "0.5", "--selector", "css", "--merge", "--background", "0.1,0.2,0.3"];
+        let figures = small(&model, &path, &more);
+        assert_eq!(figures["protocol"]["background"], serde_json::json!([0.1, 0.2, 0.3]), "as given, not widened");
         let loaded = formats::read(&path).unwrap();
         assert_eq!((loaded.format, loaded.gaussians.len() as u64), (format, n / 2));
         assert!(figures["prune"]["merged"].is_object());
@@ -296,6 +301,21 @@ fn what_cannot_be_is_refused_before_any_work() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing was written");
 }
 
+#[cfg(unix)]
+#[test]
+fn an_interrupted_comparison_leaves_no_files_of_the_other_tool() {
+    let (tools, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let script = tools.path().join("tool");
+    std::fs::write(&script, "echo v1.0\n").unwrap();
+    let peer = Peer::find(&format!("sh {}", script.display()), folder.path()).unwrap();
+    let (device, networks, watcher) = (device(), Networks::default(), Impatient(AtomicUsize::new(0), 0));
+    let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
+    let ended = peer.files(&session, &ball(), formats::RenderMode::Plain);
+    assert!(matches!(ended, Err(Error::Interrupted)));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    finish(&device);
+}
+
 /// Ends a job after the given number of polls.
 struct Impatient(AtomicUsize, usize);
 
@@ -331,7 +351,7 @@ fn interrupted(selector: Selector) {
         let watcher = Impatient(AtomicUsize::new(0), looks);
         let networks = Networks::default();
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
-        compress(&session, input, &config, &out)
+        compress_to(&session, input, (&config, None), &Target::new(&out))
     };
     for looks in [0, 3, 10, 17, 19, 20] {
         let error = attempt(looks).expect_err("interrupted");

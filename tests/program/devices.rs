@@ -76,16 +76,18 @@ fn portability_drivers_are_found() {
     assert!(opened["devices"][0]["name"].as_str().unwrap().contains("llvmpipe"), "{opened}");
 }
 
-/// A constant of SSIM that is a little wrong moves one check to twice its bound.
+/// A constant of SSIM that is a little wrong.
+const OTHER_CONSTANT: Mistake = Mistake {
+    file: "lib/ssim.glsl",
+    right: "const float C2 = 9e-4;",
+    wrong: "const float C2 = 9.08e-4;",
+    shaders: &["train/loss", "train/loss_tiles"],
+};
+
+/// The mistake moves one check to twice its bound.
 #[test]
 fn a_device_that_rounds_differently_is_warned_of() {
-    let mistake = Mistake {
-        file: "lib/ssim.glsl",
-        right: "const float C2 = 9e-4;",
-        wrong: "const float C2 = 9.08e-4;",
-        shaders: &["train/loss", "train/loss_tiles"],
-    };
-    let modules = mistake.modules();
+    let modules = OTHER_CONSTANT.modules();
     let ended = end(qirf(["selftest", "--quick", "--json"]).env("QIRF_SHADERS", modules.path()));
     let told = ended.with(0, &["this device rounds differently"]).json();
     assert_eq!((&told["passed"], &told["counts"]["wrong"]), (&true.into(), &0.into()));
@@ -179,13 +181,7 @@ fn a_fingerprint_is_the_devices_own() {
     assert_eq!(fingerprint(&[("LP_NUM_THREADS", "1"), ("RAYON_NUM_THREADS", "1")]), own);
     assert_eq!(fingerprint(&[("QIRF_FINGERPRINT", "another machine")]), "another machine");
     // A kernel that computes a little else is another device, in the parts that use it.
-    let mistake = Mistake {
-        file: "lib/ssim.glsl",
-        right: "const float C2 = 9e-4;",
-        wrong: "const float C2 = 9.08e-4;",
-        shaders: &["train/loss", "train/loss_tiles"],
-    };
-    let modules = mistake.modules();
+    let modules = OTHER_CONSTANT.modules();
     let other = fingerprint(&[("QIRF_SHADERS", modules.path().to_str().unwrap())]);
     let differs: Vec<bool> = parts.iter().zip(other.split('-')).map(|(a, b)| *a != b).collect();
     assert!(!differs[0] && !differs[1] && differs[2] && differs[3], "{own} {other}");

@@ -65,6 +65,15 @@ pub fn capture(folder: &Path, points: usize) -> PathBuf {
     scene
 }
 
+/// Copies every file below a folder into another.
+pub fn copy(from: &Path, to: &Path) {
+    for (path, bytes) in content(from) {
+        let path = to.join(path.strip_prefix(from).unwrap());
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+}
+
 /// Every file below a folder with its content; none if there is no folder.
 pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();

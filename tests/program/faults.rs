@@ -4,6 +4,5 @@
 pub mod harness;
 mod killed;
 mod lost;
-mod mutate;
 mod mutations;
 mod resources;

@@ -1,6 +1,6 @@
 //! Floaters planted in the shared models: which go, and what else. `make floaters` prints the table of docs/edit.md.
 
-use super::ended::{Ended, end, qirf};
+use super::ended::{qirf, works};
 use crate::support::shared;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::formats;
@@ -61,10 +61,6 @@ fn planted_floaters_go_and_the_models_stay() {
         assert!(200 * untouched <= own, "{name}: {untouched} of {own}");
         assert!(100 * planted.iter().sum::<usize>() >= 95 * PLANTED, "{name}: {planted:?}");
     }
-}
-
-fn works(command: &mut std::process::Command) -> Ended {
-    end(command).with(0, &[])
 }
 
 /// Floaters of the three kinds, one after the other, in the pictures of the model's virtual cameras: 0.2 to 3 % of the median depth in

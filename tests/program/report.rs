@@ -13,7 +13,7 @@ use qirf_vk::pipeline::evaluate::exhibits::exhibits;
 use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::study::Merging;
-use qirf_vk::report::plot::{Axis, Bar, Columns, Line, Lines, Mark, Scatter, Spot, bars};
+use qirf_vk::report::plot::{Axis, Bar, Columns, Front, Line, Lines, Mark, Point, bars};
 use qirf_vk::report::{of_run, page};
 use qirf_vk::scene::{Names, Skipped};
 use qirf_vk::train::method::Cut;
@@ -305,20 +305,23 @@ fn plots_are_sound_on_their_own() {
         lines: vec![Line { name: EVIL, points: points(1.0) }, Line { name: "b", points: points(-2.0) }],
         marks: vec![Mark { x: 2.0, label: EVIL.into() }, Mark { x: f64::NAN, label: String::new() }],
     };
-    let spot = |x: f64| Spot { label: EVIL.into(), group: x as usize, at: [x, x] };
-    let scatter = Scatter {
-        title: "scatter",
+    let point = |x: f64| {
+        let (label, told) = (EVIL.to_owned(), EVIL.to_owned());
+        Point { label, told, at: [x; 2], spread: [x; 2], front: x == 0.0, default: x == 9.0 }
+    };
+    let front = Front {
+        title: "front",
         x: Axis::new("MB"),
         y: Axis::new("dB"),
-        groups: &["ours", "theirs"],
-        spots: vec![spot(0.0), spot(9.0), spot(f64::NAN)],
+        legend: &["ours", "theirs"],
+        points: vec![point(0.0), point(9.0), point(f64::NAN)],
     };
     let bins: Vec<(String, f64)> = (0..40).map(|i| (i.to_string(), f64::from(i % 7) - 1.0)).collect();
     let columns =
         Columns { title: "histogram", x: "bin", y: Axis::from_zero("n"), bins: &bins, text: |v| v.to_string() };
     let named = |value: f64| Bar { name: EVIL.into(), value, text: EVIL.into() };
     let bars = bars("bars", &[named(1.0), named(-1.0), named(f64::INFINITY)]);
-    let body = page::side_by_side(&[lines.draw(), scatter.draw(), columns.draw(), bars]);
+    let body = page::side_by_side(&[lines.draw(), front.draw(), columns.draw(), bars]);
     let html = sound(&page::page(EVIL, EVIL, &[page::Section::new("plots", "Plots", body)]));
     assert_eq!(html.texts("h1"), [EVIL]);
     assert_eq!((html.select("svg[role=img]").len(), html.select(".legend").len()), (4, 2));

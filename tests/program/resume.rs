@@ -1,72 +1,11 @@
 //! Runs that were killed or failed, and go on.
 
-use super::ended::{end, qirf, works};
-use super::run::{command, metrics, model, scene};
+use super::ended::{copy, end, qirf, works};
+use super::run::{command, finished, metrics, model, scene};
 use qirf_vk::job::Output;
-use qirf_vk::job::run_log::LogLine;
-use qirf_vk::train::checkpoint::Snapshot;
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
-
-/// Runs a command that is killed at its submission number `at`. Returns false if it ended before.
-fn killed(command: &mut Command, at: u32) -> bool {
-    let ended = command.env("QIRF_DEVICE_FAULT", format!("submit:{at}:kill")).output().expect("the program starts");
-    assert!(ended.status.success() || ended.status.code().is_none(), "{}", String::from_utf8_lossy(&ended.stderr));
-    !ended.status.success()
-}
-
-#[test]
-fn killed_and_resumed_it_ends_with_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let (whole, broken) = (folder.path().join("whole"), folder.path().join("broken"));
-    works(&mut command(&scene, &whole, &["--resume"])).with(0, &["no checkpoint", "from the beginning"]);
-    // An iteration is a submission: without a checkpoint, soon after one, and long after.
-    for at in [5, 70, 50, 95, 60] {
-        assert!(killed(&mut command(&scene, &broken, &["--resume"]), at), "it had ended before submission {at}");
-    }
-    works(&mut command(&scene, &broken, &["--resume"]));
-    assert_eq!(model(&whole), model(&broken));
-    let iterations = |out: &Path| -> Vec<u32> {
-        let text = std::fs::read_to_string(out.join("log.jsonl")).expect("log.jsonl");
-        text.lines().map(|line| serde_json::from_str::<LogLine>(line).expect("a line of JSON").iteration).collect()
-    };
-    assert!(iterations(&broken).is_sorted_by(|a, b| a < b) && iterations(&broken).last() == iterations(&whole).last());
-}
-
-/// A run goes on with the mean of its last iterates that it had begun.
-#[test]
-fn killed_among_the_last_iterates_it_ends_with_the_same_bytes() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
-    works(&mut command(&scene, &whole, &[]));
-    let config = std::fs::read_to_string(whole.join("config.toml")).unwrap();
-    let late = folder.path().join("late.toml");
-    // The mean begins with iteration 229 of 240.
-    std::fs::write(&late, config.replace("checkpoint_every = 20", "checkpoint_every = 234")).unwrap();
-    let run = || {
-        let mut run = qirf(["run", "--config"]);
-        run.arg(&late).arg("-o").arg(&broken);
-        run
-    };
-    let checkpoint = broken.join("checkpoint.safetensors");
-    // Bisection finds a submission of the six iterations after the checkpoint.
-    let reached = |at: u32| {
-        let _ = std::fs::remove_dir_all(&broken);
-        !killed(&mut run(), at) || checkpoint.exists()
-    };
-    let (mut early, mut late) = (234, 2000);
-    while late - early > 6 {
-        let middle = u32::midpoint(early, late);
-        *(if reached(middle) { &mut late } else { &mut early }) = middle;
-    }
-    assert!(reached(late) && checkpoint.exists(), "no checkpoint before submission {late}");
-    assert!(Snapshot::read(&checkpoint).expect("a checkpoint").mean.is_some_and(|mean| mean.iterates == 6));
-    works(run().arg("--resume"));
-    assert_eq!(model(&whole), model(&broken));
-}
 
 /// Tuning decides on the last bits. It is the run's own, whatever the environment says when the run goes on.
 #[test]
@@ -95,19 +34,6 @@ fn a_resumed_run_keeps_its_tuning() {
     refused("riva", "nvidia");
     refused("cpu,tiles=8", "'tiles'");
     refused("scan_workgroup=7", "scan_workgroup");
-}
-
-#[test]
-fn other_options_and_damaged_checkpoints_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let out = folder.path().join("out");
-    std::fs::create_dir(&out).unwrap();
-    std::fs::write(out.join("checkpoint.safetensors"), b"no checkpoint at all").unwrap();
-    end(&mut command(&scene, &out, &["--resume"])).with(3, &["checkpoint.safetensors", "delete"]);
-    assert!(!out.join("model.ply").exists());
-
-    end(&mut command(&folder.path().join("nowhere"), &folder.path().join("new"), &[])).with(3, &[]);
 }
 
 /// Half of a run on one photo, and half on another under its name, reproduces nothing.
@@ -168,18 +94,15 @@ fn an_interrupted_run_is_not_overwritten_and_other_options_are_named_at_once() {
     // Another spelling of the scene is the same run.
     let spelt = folder.path().join("out/../scene/");
     works(&mut command(&spelt, &out, &["--resume"]));
-    let whole = folder.path().join("whole");
-    works(&mut command(&scene, &whole, &[]));
-    assert_eq!(model(&whole), model(&out));
+    assert_eq!(model(&finished().out), model(&out));
     assert!(out.join("config.toml").is_file(), "written again from the checkpoint");
 }
 
 #[test]
 fn a_finished_run_is_left_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let out = folder.path().join("out");
-    works(&mut command(&scene, &out, &[]));
+    let (scene, out) = (finished().scene.clone(), folder.path().join("out"));
+    copy(&finished().out, &out);
     let written = |name: &str| std::fs::metadata(out.join(name)).and_then(|m| m.modified()).expect("a file");
     let files = ["model.ply", "metrics.json", "config.toml", "report.html"];
     let before = files.map(written);
@@ -201,7 +124,9 @@ fn a_finished_run_is_left_as_it_is() {
     works(&mut command(&scene, &newer, &["--no-report"]));
     assert!(!newer.join("report.html").exists() && !newer.join("model.sog").exists());
     says(&mut command(&scene, &newer, &["--resume"]), 0, &["it has no report.html"]);
-    let photos = scene.join("images");
+    let own = folder.path().join("scene");
+    copy(&scene, &own);
+    let (scene, photos) = (own.clone(), own.join("images"));
     says(&mut command(&scene, &photos, &[]), 2, &["among the scene's own photos"]);
     assert!(!photos.join("config.toml").exists());
     let foreign = folder.path().join("foreign");

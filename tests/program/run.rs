@@ -12,6 +12,8 @@ use qirf_vk::scene::{PhotoMemory, Pixels};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
+use tempfile::TempDir;
 
 pub fn scene(folder: &Path) -> PathBuf {
     capture(folder, 400)
@@ -21,6 +23,35 @@ pub fn command(scene: &Path, out: &Path, more: &[&str]) -> Command {
     let mut command = qirf(["run".as_ref(), scene, "-o".as_ref(), out]);
     command.args(["--iterations", "240", "--checkpoint-every", "20"]).args(more);
     command
+}
+
+/// A whole run, made once: its scene, its folder, and what it printed. Tests leave both folders as they are.
+pub struct Finished {
+    _folder: TempDir,
+    pub scene: PathBuf,
+    pub out: PathBuf,
+    pub ended: Ended,
+}
+
+impl Finished {
+    fn with(options: &[&str]) -> Self {
+        let folder = tempfile::tempdir_in(env!("CARGO_TARGET_TMPDIR")).unwrap();
+        let (scene, out) = (scene(folder.path()), folder.path().join("out"));
+        let ended = works(&mut command(&scene, &out, &[options, &["--json", "-v", "-v"]].concat()));
+        Self { _folder: folder, scene, out, ended }
+    }
+}
+
+/// The default run.
+pub fn finished() -> &'static Finished {
+    static MADE: OnceLock<Finished> = OnceLock::new();
+    MADE.get_or_init(|| Finished::with(&[]))
+}
+
+/// The run with the paper's choices.
+pub fn finished_as_in_the_paper() -> &'static Finished {
+    static MADE: OnceLock<Finished> = OnceLock::new();
+    MADE.get_or_init(|| Finished::with(&["--preset", "paper"]))
 }
 
 pub fn model(out: &Path) -> Vec<u8> {
@@ -42,11 +73,9 @@ fn a_run_too_short_for_its_prune_says_so() {
 #[test]
 fn a_run_leaves_what_reproduces_it() {
     let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let (first, second) = (folder.path().join("first"), folder.path().join("second"));
-    let printed = works(&mut command(&scene, &first, &["--json"])).json();
-    let metrics = self::metrics(&first);
-    assert_eq!(printed, metrics);
+    let (first, second) = (&finished().out, folder.path().join("second"));
+    let metrics = self::metrics(first);
+    assert_eq!(finished().ended.json(), metrics);
     for key in ["/test/psnr", "/test/ssim", "/gaussians/dense", "/gaussians/final", "/time/total_s", "/curve/0/psnr"] {
         assert!(metrics.pointer(key).is_some_and(serde_json::Value::is_number), "{key}");
     }
@@ -59,7 +88,7 @@ fn a_run_leaves_what_reproduces_it() {
     // Its own config.toml gives the same bytes.
     let mut again = qirf(["run", "--json-progress", "--no-report", "--config"]);
     let printed = works(again.arg(first.join("config.toml")).arg("-o").arg(&second)).out;
-    assert_eq!(model(&first), model(&second), "the same run gives the same bytes");
+    assert_eq!(model(first), model(&second), "the same run gives the same bytes");
 
     assert!(first.join("report.html").exists() && !second.join("report.html").exists());
 
@@ -318,11 +347,7 @@ fn eval_refuses_what_it_cannot_score() {
 /// The paper's choices end to end; a gradual schedule prunes four times.
 #[test]
 fn presets_and_schedules_prune() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let (paper, gradual) = (folder.path().join("paper"), folder.path().join("gradual"));
-    works(&mut command(&scene, &paper, &["--preset", "paper"]));
-    let pruned = metrics(&paper);
+    let pruned = metrics(&finished_as_in_the_paper().out);
     assert_eq!(pruned["prunes"].as_array().unwrap().len(), 1);
     assert_eq!(pruned["prunes"][0]["iteration"], 120);
     // The voxel is 0.03 world units in every scene: here most blocks have one Gaussian, which is kept.
@@ -331,6 +356,8 @@ fn presets_and_schedules_prune() {
         (&"gnso".into(), &pruned["gaussians"]["dense"])
     );
 
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, gradual) = (scene(folder.path()), folder.path().join("gradual"));
     works(&mut command(&scene, &gradual, &["--schedule", "gradual", "--target-count", "77", "--merge"]));
     let pruned = metrics(&gradual);
     let iterations: Vec<_> = pruned["prunes"].as_array().unwrap().iter().map(|p| p["iteration"].clone()).collect();

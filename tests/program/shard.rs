@@ -7,10 +7,11 @@ use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// Options of the compression: 34 views in three chunks, 6 held out.
-const OPTIONS: [&str; 4] = ["--views", "40", "--size", "72x56"];
+const OPTIONS: [&str; 6] = ["--views", "40", "--size", "72x56", "--background", "0.1,0.2,0.3"];
 /// A fingerprint that stands in for the device's, which takes seconds to compute.
 const FINGERPRINT: (&str, &str) = ("QIRF_FINGERPRINT", "0123");
 
@@ -32,8 +33,7 @@ impl Stage {
     fn new() -> Self {
         let stage = Self::empty();
         ball(stage.folder.path());
-        stage.works(&[&["compress", "ball.ply", "-o", "small.ply"], &OPTIONS[..]].concat());
-        Self { right: fs::read(stage.path("small.ply")).unwrap(), ..stage }
+        Self { right: undivided().0.clone(), ..stage }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -107,6 +107,18 @@ impl Stage {
     }
 }
 
+/// The bytes and the record of the undivided compression of the ball, made once.
+fn undivided() -> &'static (Vec<u8>, Value) {
+    static MADE: OnceLock<(Vec<u8>, Value)> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let stage = Stage::empty();
+        ball(stage.folder.path());
+        let job = [&["compress", "ball.ply", "-o", "small.ply", "--json"], &OPTIONS[..]].concat();
+        let record = stage.works(&job).json();
+        (fs::read(stage.path("small.ply")).unwrap(), record)
+    })
+}
+
 pub(super) fn flip(path: &Path, at: usize) {
     let mut bytes = fs::read(path).unwrap();
     bytes[at] ^= 16;
@@ -117,19 +129,24 @@ pub(super) fn flip(path: &Path, at: usize) {
 fn tasks_in_any_order_have_the_bytes_of_the_whole() {
     let stage = Stage::new();
     let mut figures = Vec::new();
-    for order in 0..3 {
+    for order in 0..2 {
         let folder = format!("order{order}");
         let tasks = stage.plan(&folder);
         assert_eq!(tasks.len(), 6, "{tasks:?}");
         // One of the orders on a device that draws in parts.
-        let small = if order == 2 { "buffers=100000" } else { "" };
+        let small = if order == 1 { "buffers=100000" } else { "" };
         stage.shuffled(&folder, tasks, 7 + order, |command| command.env("QIRF_LIMITS", small));
         stage.is_right(&folder);
-        figures.push(fs::read_to_string(stage.path(&folder).join("metrics.json")).unwrap());
+        let bytes = fs::read(stage.path(&folder).join("metrics.json")).unwrap();
+        let mut parts: Value = serde_json::from_slice(&bytes).unwrap();
+        // One device has other limits.
+        for name in ["device", "crc32"] {
+            parts.as_object_mut().unwrap().remove(name).expect(name);
+        }
+        figures.push(parts);
     }
-    let whole = stage.works(&[&["compress", "ball.ply", "-o", "again.ply", "--json"], &OPTIONS[..]].concat()).json();
-    for figures in &figures {
-        let parts: Value = serde_json::from_str(figures).unwrap();
+    let whole = &undivided().1;
+    for parts in &figures {
         for name in ["test", "views", "protocol"] {
             assert_eq!(parts[name], whole[name], "{name}");
         }
@@ -242,8 +259,9 @@ fn work_is_verified_by_doing_it_again() {
     let path = stage.path("v/score/0000.json");
     let mut sealed: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
     sealed["content"][0]["scores"]["pruned"]["ssim"] = 0.123.into();
+    sealed.as_object_mut().unwrap().remove("crc32");
     let mut crc = flate2::Crc::new();
-    crc.update(sealed["content"].to_string().as_bytes());
+    crc.update(sealed.to_string().as_bytes());
     sealed["crc32"] = crc.sum().into();
     fs::write(&path, serde_json::to_vec_pretty(&sealed).unwrap()).unwrap();
     assert_eq!(stage.status("v", "score/0000"), "done", "the seal holds");

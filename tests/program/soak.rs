@@ -7,7 +7,8 @@ use qirf_vk::gpu::Device;
 use qirf_vk::job::config::{PruneRule, Pruning};
 use qirf_vk::job::{Error, Output, Preset, RunConfig, Session, Watcher};
 use qirf_vk::metrics::Networks;
-use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress};
+use qirf_vk::pipeline::compress::fit::Target;
+use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use qirf_vk::pipeline::run;
 use qirf_vk::pipeline::virtual_views::VirtualCameras;
 use qirf_vk::qirf::select::budget::Keep;
@@ -108,7 +109,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         };
         let never = Stopper(AtomicU32::new(u32::MAX), AtomicU32::new(0));
         let session = Session { host_bytes: u64::MAX, watcher: &never, ..Session::new(&device, &networks) };
-        compress(&session, input, &compressing, &small).unwrap();
+        compress_to(&session, input, (&compressing, None), &Target::new(&small)).unwrap();
         let files = [&path, &small].map(|p| std::fs::read(p).unwrap());
         match &first {
             None => first = Some(files),

@@ -49,8 +49,13 @@ impl Mistake {
     }
 }
 
-/// A validated device with the modules of this folder, each rewritten; they must exist as long as it creates pipelines.
-pub fn rewritten(modules: &Path, mut rewrite: impl FnMut(&[u32]) -> Vec<u32>) -> (Device, TempDir) {
+/// A validated device with the modules of this folder, each rewritten, and with changed options; the modules must exist as long
+/// as it creates pipelines.
+pub fn rewritten(
+    modules: &Path,
+    change: impl FnOnce(&mut DeviceOptions),
+    mut rewrite: impl FnMut(&[u32]) -> Vec<u32>,
+) -> (Device, TempDir) {
     let folder = tempfile::tempdir().unwrap();
     for entry in fs::read_dir(modules).unwrap().map(Result::unwrap) {
         let path = entry.path();
@@ -61,5 +66,9 @@ pub fn rewritten(modules: &Path, mut rewrite: impl FnMut(&[u32]) -> Vec<u32>) ->
             fs::write(folder.path().join(entry.file_name()), bytes).unwrap();
         }
     }
-    (opened(|options| options.harness.shaders = Some(folder.path().to_owned())), folder)
+    let device = opened(|options| {
+        change(options);
+        options.harness.shaders = Some(folder.path().to_owned());
+    });
+    (device, folder)
 }

@@ -2,7 +2,7 @@
 //! assumption unless a module forbids it and the device can keep NaN.
 
 use super::mutants::rewritten;
-use qirf_vk::gpu::Device;
+use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, TuningChoice};
 use std::path::Path;
 use tempfile::TempDir;
 
@@ -98,9 +98,10 @@ pub fn rewrite(words: &[u32], outcome: Outcome, changed: &mut Changed) -> Vec<u3
     out
 }
 
-/// A device with the modules of this folder, rewritten; they must exist as long as it creates pipelines.
+/// A device as tuned for GPUs, with the modules of this folder, rewritten; they must exist as long as it creates pipelines.
 pub fn device(modules: &Path, outcome: Outcome) -> (Device, TempDir, Changed) {
     let mut changed = Changed::default();
-    let (device, folder) = rewritten(modules, |words| rewrite(words, outcome, &mut changed));
+    let tuned = |options: &mut DeviceOptions| options.tuning = Some(TuningChoice::class(DeviceClass::Gpu));
+    let (device, folder) = rewritten(modules, tuned, |words| rewrite(words, outcome, &mut changed));
     (device, folder, changed)
 }

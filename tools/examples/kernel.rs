@@ -7,7 +7,7 @@
 use qirf_vk::gaussians::formats;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::glam::DVec3;
-use qirf_vk::gpu::{Access, BindingInfo, Buffer, Device, DeviceOptions, Groups, Kernel, RawBuffer, Recording, Shader};
+use qirf_vk::gpu::{Access, Buffer, Device, DeviceOptions, Groups, Kernel, RawBuffer, Recording, Shader};
 use qirf_vk::render::{Renderer, Settings};
 use qirf_vk::scene::camera::Camera;
 use std::error::Error;
@@ -33,7 +33,7 @@ impl Grey<'_> {
     const SHADER: &'static Shader = &Shader {
         name: "examples/grey",
         spirv: include_bytes!("../../glsl/spirv/examples-grey.spv"),
-        bindings: &[BindingInfo { name: "pixels", access: Access::ReadWrite }],
+        bindings: &[Access::ReadWrite],
         push_size: size_of::<Push>() as u32,
         constants: &[],
         subgroup_constant: None,

@@ -8,7 +8,7 @@ use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style::Rendering;
 use super::{Global, check_file, check_model, values};
-use crate::edit::{Edit, Editor, Step, common_origin, floater_warning, merge, numbers, rounding};
+use crate::edit::{Edit, Editor, Step, common_origin, floater_warning, merge, numbers, rounding, rounding_warning};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, RenderMode};
 use crate::job::output::bytes_on_disk;
@@ -35,7 +35,6 @@ const EXAMPLES: &str = "Examples:
 
 Operations apply in the order of the command line, to all models as one. View-dependent colours rotate with the model.";
 
-/// Crop, move, rotate, clean and merge models.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -108,9 +107,7 @@ impl Arguments {
         }
         let (model, steps) = editor.finish();
         if let Some(step) = rounding(&model).filter(|_| !far) {
-            console.warn(format_args!(
-                "the model now lies far from its origin: its positions are rounded to about {step:.1e} units"
-            ));
+            console.warn(rounding_warning("the model now lies far from its origin", step));
         }
         let written = if self.count_only { None } else { self.output.as_deref() };
         if let Some(path) = written {
@@ -225,10 +222,8 @@ fn same_origin(models: &mut [(PathBuf, Loaded)], console: &Console) -> [f64; 3] 
         let shift = DVec3::from(loaded.origin) - DVec3::from(origin);
         loaded.gaussians.shift(shift);
         if let Some(step) = rounding(&loaded.gaussians).filter(|_| shift != DVec3::ZERO) {
-            console.warn(format_args!(
-                "{} lies far from the origin of the merged model: its positions are rounded to about {step:.1e} units",
-                path.display()
-            ));
+            let what = format!("{} lies far from the origin of the merged model", path.display());
+            console.warn(rounding_warning(&what, step));
         }
     }
     origin

@@ -20,7 +20,6 @@ const EXAMPLES: &str = "Examples:
   qirf-vk inspect capture --json
   qirf-vk inspect capture --html capture.html";
 
-/// Show the contents of a model or a scene.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {

@@ -1,5 +1,6 @@
 //! Contents of a model: counts, bounds, and the distributions of opacity and size.
 
+use crate::extension::folder_of;
 use crate::gaussians::formats::{self, Loaded};
 use crate::gaussians::{Gaussians, opacity};
 use crate::job::Error;
@@ -55,8 +56,7 @@ fn bytes(path: &Path) -> Result<u64, Error> {
     let Some(meta) = formats::sog_meta(path) else {
         return Ok(std::fs::metadata(path).map_err(read)?.len());
     };
-    let folder = meta.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    files(folder, formats::is_levels(&meta)).map_err(read)
+    files(folder_of(&meta), formats::is_levels(&meta)).map_err(read)
 }
 
 /// Bytes of the files in a folder, and of those in its folders.

@@ -1,10 +1,9 @@
 //! Contents of a scene: views, cameras, points, skipped parts, and the split.
 
-use crate::gaussians::formats;
-use crate::job::Error;
+use crate::job::{Error, Output};
 use crate::pipeline::effects;
 use crate::pipeline::prepare::refuse_photo_folders;
-use crate::scene::{EVAL_EVERY, OpenOptions, Scene, View, rigs};
+use crate::scene::{EVAL_EVERY, OpenOptions, Scene, View};
 use crate::view::alone::{self, PageOptions};
 use crate::view::capture;
 use crate::wording::counted;
@@ -40,7 +39,7 @@ impl Doubts {
         fits.sort_by(|(_, a), (_, b)| b.total_cmp(a));
         let misfit = fits.get(fits.len() / 2).map(|(_, px)| *px);
         let limit = misfit.map_or(0.0, |middle| MISFIT.0.max(MISFIT.1 * middle));
-        let groups = scene.overlap().map(|overlap| overlap.groups).unwrap_or_default();
+        let groups = scene.overlap().unwrap_or_default();
         Self {
             misfit,
             misfits: fits.into_iter().filter(|(_, px)| *px > limit).collect(),
@@ -90,7 +89,7 @@ fn page(scene: &Scene, test: &[usize], doubts: &Doubts, file: &Path) -> Result<(
     let title = scene.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let options = PageOptions { title, ..PageOptions::default() };
     let page = alone::page(&model, &options, file).map_err(Error::writing)?;
-    formats::write_atomically(file, |out| out.write_all(page.as_bytes())).map_err(Error::writing)
+    Output::text(file, &page)
 }
 
 /// The scene as one document, and as a page if `html` names one; reads training photos to decide which effects they call for.
@@ -102,7 +101,6 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         *sizes.entry((view.lens.width, view.lens.height)).or_default() += 1;
         cameras.entry(view.camera_id).or_insert((view, 0)).1 += 1;
     }
-    let rigs = scene.source.parent().map_or(Ok(Vec::new()), rigs)?;
     let alpha = scene.views.par_iter().filter(|v| v.announces_alpha()).count();
     // As a run holds photos out, which then are all there.
     let mut present = scene.clone();
@@ -134,7 +132,6 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "depth_maps": scene.views.iter().filter(|v| v.depth.is_some()).count(),
         "sizes": sizes.iter().map(|((w, h), n)| json!({ "size": format!("{w}x{h}"), "views": n })).collect::<Vec<_>>(),
         "cameras": cameras.iter().map(|(id, (view, views))| camera(*id, view, *views)).collect::<Vec<_>>(),
-        "rigs": rigs.iter().map(|cameras| format!("rig of {cameras} cameras")).collect::<Vec<_>>(),
         "points": scene.points.len(),
         "mean_track_length": mean(tracks as f64, scene.points.len()),
         "mean_reprojection_px": mean(errors.iter().map(|e| f64::from(*e)).sum(), errors.len()),

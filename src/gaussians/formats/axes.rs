@@ -49,25 +49,7 @@ fn signs(from: u32, to: u32) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// The basis function of each coefficient without its constant factor, as a polynomial of a direction.
-    fn basis(l: usize, [x, y, z]: [f32; 3]) -> Vec<f32> {
-        let (xx, yy, zz) = (x * x, y * y, z * z);
-        match l {
-            0 => vec![1.0],
-            1 => vec![y, z, x],
-            2 => vec![x * y, y * z, 2.0 * zz - xx - yy, x * z, xx - yy],
-            _ => vec![
-                y * (3.0 * xx - yy),
-                x * y * z,
-                y * (4.0 * zz - xx - yy),
-                z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
-                x * (4.0 * zz - xx - yy),
-                z * (xx - yy),
-                x * (xx - 3.0 * yy),
-            ],
-        }
-    }
+    use crate::gaussians::sh::basis;
 
     #[test]
     fn a_mirrored_model_looks_the_same_from_the_mirrored_side() {
@@ -82,9 +64,10 @@ mod tests {
             turned.means[1] = [1.0, 2.0, 3.0];
             convert(&mut turned, RIGHT_UP_BACK, to);
             assert_eq!(turned.means[1], turn([1.0, 2.0, 3.0]));
-            let colour = |m: &Gaussians, l: usize, direction| -> f32 {
+            let colour = |m: &Gaussians, l: usize, direction: [f32; 3]| -> f64 {
                 let red = m.sh[l].iter().skip(Gaussians::band_width(l)).step_by(3);
-                red.zip(basis(l, direction)).map(|(c, b)| c * b).sum()
+                let basis = basis(DVec3::from(direction.map(f64::from)));
+                red.zip(&basis[l * l..]).map(|(c, b)| f64::from(*c) * b).sum()
             };
             for l in 0..=3 {
                 for direction in [[0.36, 0.48, 0.8f32], [-0.6, 0.64, 0.48]] {

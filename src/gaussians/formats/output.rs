@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use super::Error;
 use crate::checksum::crc32;
+use crate::extension::folder_of;
 
 /// Refuses an `output` that is the same file as `input`, or one in that folder, through any links.
 ///
@@ -121,9 +122,9 @@ fn hidden_prefix(name: &OsStr) -> String {
 
 /// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed.
 pub fn remove_leftovers(path: &Path) {
-    let (Some(name), Some(folder)) = (path.file_name(), path.parent()) else { return };
+    let Some(name) = path.file_name() else { return };
     let prefix = hidden_prefix(name);
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+    for entry in fs::read_dir(folder_of(path)).into_iter().flatten().flatten() {
         let found = entry.file_name();
         let found = found.to_string_lossy();
         let middle = found.strip_prefix(&prefix).and_then(|rest| rest.strip_suffix(TEMPORARY));
@@ -168,8 +169,7 @@ fn fill(file: File, body: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::
 
 /// Makes the rename itself durable, on systems on which folders can be synced.
 fn sync_folder(path: &Path) {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    if let Ok(folder) = File::open(folder) {
+    if let Ok(folder) = File::open(folder_of(path)) {
         let _ = folder.sync_all();
     }
 }

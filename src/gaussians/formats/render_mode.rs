@@ -4,7 +4,7 @@
 //! last one counts. SPZ: bit 0 of the header's flags. SOG: `"model": "antialiased"` (splat-transform) or `"antialias": true`
 //! (the specification's first version). The other formats have none.
 
-use crate::wording::named;
+use crate::wording::{named, shown};
 use std::fmt;
 
 use serde::Serialize;
@@ -135,8 +135,7 @@ impl Tag {
     }
 
     fn not_understood(&mut self, tag: fmt::Arguments<'_>) {
-        let shown: String = tag.to_string().chars().take(80).flat_map(char::escape_debug).collect();
-        self.doubt = Some(format!("the tag `{shown}` is not understood and ignored"));
+        self.doubt = Some(format!("the tag `{}` is not understood and ignored", shown(&tag.to_string(), 80)));
     }
 }
 

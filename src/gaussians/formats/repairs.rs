@@ -81,18 +81,7 @@ pub(super) fn repair(model: &mut Gaussians) -> (Repairs, Vec<usize>) {
             }
         }
     }
-    let mut bad = vec![false; model.len()];
-    let finite = |values: &[f32]| values.iter().all(|x| x.is_finite());
-    bad.par_iter_mut().enumerate().for_each(|(i, bad)| {
-        *bad = !finite(&model.means[i])
-            || !finite(&model.log_scales[i])
-            || !finite(&model.rotations[i])
-            || model.opacity_logits[i].is_nan();
-    });
-    for (l, band) in model.sh.iter().enumerate() {
-        let rows = band.par_chunks_exact(Gaussians::band_width(l));
-        bad.par_iter_mut().zip(rows).for_each(|(bad, row)| *bad |= !finite(row));
-    }
+    let mut bad: Vec<bool> = (0..model.len()).into_par_iter().map(|i| !model.is_finite(i)).collect();
     for (i, bad) in bad.iter_mut().enumerate() {
         if *bad {
             repairs.non_finite_rows += 1;

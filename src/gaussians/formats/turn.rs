@@ -1,7 +1,6 @@
-//! Rotation, reflection, scaling and translation of Gaussians, including spherical harmonics.
+//! Places of a file's parts in its world.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
-use rayon::prelude::*;
 
 use super::Gaussians;
 use crate::scene::origin::near;
@@ -23,7 +22,9 @@ pub(super) fn place(model: &mut Gaussians, map: &DAffine3, origin: &mut Option<D
     let from = *origin.get_or_insert_with(|| if far() == DVec3::ZERO { DVec3::ZERO } else { map.translation });
     let shift = map.translation - from;
     if map.matrix3 != DMat3::IDENTITY || shift != DVec3::ZERO {
-        similarity(model, size, DQuat::from_mat3(&turn).normalize(), shift);
+        // Only nearly orthonormal until it is a quaternion.
+        let turn = DMat3::from_quat(DQuat::from_mat3(&turn).normalize());
+        model.transform(turn * size.signum(), size.abs(), shift);
     }
     true
 }
@@ -43,21 +44,6 @@ pub(super) fn middle(places: &[DVec3]) -> (DVec3, f64) {
 
 fn wide(mean: [f32; 3]) -> DVec3 {
     DVec3::from(mean.map(f64::from))
-}
-
-/// Applies x -> size * turn x + shift; a `size` below 0 mirrors.
-pub(super) fn similarity(model: &mut Gaussians, size: f64, turn: DQuat, shift: DVec3) {
-    let grown = size.abs().ln();
-    let moved = |mean: &mut [f32; 3]| {
-        *mean = (turn * (wide(*mean) * size) + shift).to_array().map(|x| x as f32);
-    };
-    model.means.par_iter_mut().for_each(moved);
-    model.log_scales.as_flattened_mut().par_iter_mut().for_each(|s| *s = (f64::from(*s) + grown) as f32);
-    if turn == DQuat::IDENTITY && size > 0.0 {
-        return;
-    }
-    // An ellipsoid is its own reflection through its centre; colours are not.
-    model.turn(turn, DMat3::from_quat(turn) * size.signum());
 }
 
 #[cfg(test)]

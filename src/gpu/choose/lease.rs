@@ -3,6 +3,7 @@
 //! The lock belongs to the open file and is released when the process ends, however it ends.
 
 use crate::gpu::info::DeviceInfo;
+use crate::lock::{Attempt, attempt};
 use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -18,10 +19,12 @@ impl Lease {
     pub fn take(folder: &Path, name: &str) -> io::Result<Option<Self>> {
         make_folder(folder)?;
         let file = open(&folder.join(name))?;
-        match fs4::FileExt::try_lock(&file) {
-            Ok(()) => Ok(Some(Self { _file: file })),
-            Err(fs4::TryLockError::WouldBlock) => Ok(None),
-            Err(fs4::TryLockError::Error(error)) => Err(error),
+        match attempt(&file)? {
+            Attempt::Locked => Ok(Some(Self { _file: file })),
+            Attempt::Busy => Ok(None),
+            Attempt::WithoutLocks => {
+                Err(io::Error::new(io::ErrorKind::Unsupported, "the file system does not support locks"))
+            }
         }
     }
 }
@@ -49,20 +52,24 @@ pub(in crate::gpu) fn machine() -> String {
 
 /// Creates a folder in which all users may create files, as in the temporary folder.
 fn make_folder(folder: &Path) -> io::Result<()> {
-    if folder.is_dir() {
-        return Ok(());
+    folder.parent().map_or(Ok(()), fs::create_dir_all)?;
+    match fs::create_dir(folder) {
+        #[cfg(unix)]
+        Ok(()) => fs::set_permissions(folder, std::os::unix::fs::PermissionsExt::from_mode(0o1777)),
+        // Perhaps another user's, who alone may change its permissions.
+        Err(_) if folder.is_dir() => Ok(()),
+        made => made,
     }
-    fs::create_dir_all(folder)?;
-    #[cfg(unix)]
-    fs::set_permissions(folder, std::os::unix::fs::PermissionsExt::from_mode(0o1777))?;
-    Ok(())
 }
 
-/// Opens a file for its lock alone. An existing one, perhaps another user's, is opened read-only.
+/// Opens a file for its lock alone: for writing, because NFS needs that; for reading if the file is another user's.
 fn open(path: &Path) -> io::Result<File> {
-    match File::open(path) {
+    match OpenOptions::new().write(true).open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            OpenOptions::new().create(true).truncate(false).read(true).write(true).open(path)
+            OpenOptions::new().write(true).create(true).truncate(false).open(path)
+        }
+        Err(error) if matches!(error.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) => {
+            File::open(path)
         }
         opened => opened,
     }

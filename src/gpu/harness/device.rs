@@ -11,11 +11,6 @@ impl Device {
         self.context().guards.as_ref().map(Guards::overrun).unwrap_or_default()
     }
 
-    /// Whether buffers are guarded.
-    pub fn guards(&self) -> bool {
-        self.context().guards.is_some()
-    }
-
     /// Sets another order, and the barriers to leave out from here on. Returns the barriers derived since the last
     /// call.
     ///

@@ -2,6 +2,7 @@
 //! ends in a red zone that no kernel may touch. Descriptors include the red zone: a stray store lands there instead of
 //! being dropped.
 
+use crate::gpu::buffer::Storage;
 use crate::gpu::lock::lock;
 use crate::random;
 use std::collections::HashMap;
@@ -26,49 +27,38 @@ pub(in crate::gpu) fn fill(number: u64, (contents, red_zone): (&mut [u8], &mut [
     }
 }
 
-/// A buffer with a red zone.
-pub(in crate::gpu) trait Guarded: Send + Sync {
-    /// Its number, which no other buffer has.
-    fn number(&self) -> u64;
-    /// Its name in messages.
-    fn name(&self) -> &str;
-    /// The bytes of its red zone.
-    fn red_zone(&self) -> &[u8];
-}
-
 /// The guarded buffers of a device, and those whose red zone was overwritten.
 #[derive(Default)]
 pub(in crate::gpu) struct Guards {
-    alive: Mutex<HashMap<u64, Weak<dyn Guarded>>>,
+    alive: Mutex<HashMap<u64, Weak<Storage>>>,
     overrun: Mutex<Vec<String>>,
 }
 
 impl Guards {
     /// Watches a filled buffer from now on.
-    pub fn watch<T: Guarded + 'static>(&self, buffer: &Arc<T>) {
-        let watched: Weak<T> = Arc::downgrade(buffer);
-        lock(&self.alive).insert(buffer.number(), watched);
+    pub fn watch(&self, buffer: &Arc<Storage>) {
+        lock(&self.alive).insert(buffer.number, Arc::downgrade(buffer));
     }
 
     /// Checks the red zone of a dropped buffer.
-    pub fn leave(&self, buffer: &dyn Guarded) {
-        lock(&self.alive).remove(&buffer.number());
+    pub fn leave(&self, buffer: &Storage) {
+        lock(&self.alive).remove(&buffer.number);
         if is_overrun(buffer) {
-            lock(&self.overrun).push(buffer.name().to_owned());
+            lock(&self.overrun).push(buffer.name.clone());
         }
     }
 
     /// Names of the buffers, alive or dropped, behind whose end a kernel wrote.
     pub fn overrun(&self) -> Vec<String> {
         // Strong references first: dropping the last one here takes the lock itself.
-        let alive: Vec<Arc<dyn Guarded>> = lock(&self.alive).values().filter_map(Weak::upgrade).collect();
+        let alive: Vec<Arc<Storage>> = lock(&self.alive).values().filter_map(Weak::upgrade).collect();
         let mut names = lock(&self.overrun).clone();
-        names.extend(alive.iter().filter(|buffer| is_overrun(&***buffer)).map(|buffer| buffer.name().to_owned()));
+        names.extend(alive.iter().filter(|buffer| is_overrun(buffer)).map(|buffer| buffer.name.clone()));
         names
     }
 }
 
-fn is_overrun(buffer: &dyn Guarded) -> bool {
+fn is_overrun(buffer: &Storage) -> bool {
     let words = buffer.red_zone().chunks_exact(4);
-    words.zip(red_zone_of(buffer.number())).any(|(word, own)| word != own.to_ne_bytes())
+    words.zip(red_zone_of(buffer.number)).any(|(word, own)| word != own.to_ne_bytes())
 }

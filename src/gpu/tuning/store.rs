@@ -1,5 +1,6 @@
 //! The fastest tuning measured on a device, stored in the cache folder for later runs.
 
+use crate::gpu::cache;
 use crate::gpu::device::Device;
 use crate::gpu::info::DeviceInfo;
 use crate::gpu::tuning::Tuning;
@@ -50,9 +51,7 @@ impl Device {
         let path = file(info).ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "no cache folder"))?;
         let (device, driver) = (info.name.clone(), info.driver.clone());
         let text = serde_json::to_string_pretty(&Stored { device, driver, tuning: tuning.clone() })?;
-        path.parent().map_or(Ok(()), fs::create_dir_all)?;
-        let temporary = path.with_extension(std::process::id().to_string());
-        fs::write(&temporary, text + "\n").and_then(|()| fs::rename(&temporary, &path))?;
+        cache::replace(&path, (text + "\n").as_bytes())?;
         Ok(path)
     }
 

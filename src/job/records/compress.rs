@@ -149,7 +149,7 @@ pub struct ViewStages {
 pub struct CompressTimes {
     /// Total.
     pub total_s: f64,
-    /// Reading the model.
+    /// Reading the model, and finding the origin of its scene.
     pub read_s: f64,
     /// Reading photos, or drawing the original's own pictures.
     pub truth_s: f64,

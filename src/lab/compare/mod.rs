@@ -10,9 +10,8 @@ pub use arm::{Arm, Grown, help as arms_help};
 pub use paired::Paired;
 pub use records::{ArmRecord, CompareRecord};
 
-use crate::gaussians::formats::crc32;
+use crate::gaussians::formats::{self, crc32};
 use crate::gaussians::resident::Resident;
-use crate::gaussians::{Gaussians, formats};
 use crate::job::records::RunRecord;
 use crate::job::sealed::{open, seal};
 use crate::job::{Error, Output, RunConfig, Session};
@@ -23,7 +22,6 @@ use crate::pipeline::prepare::{Prepared, crc32_of_file};
 use crate::pipeline::setup::{Setup, tuned};
 use crate::pipeline::start::Start;
 use crate::scene::median;
-use bytemuck::cast_slice;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -120,7 +118,7 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     let gaussians = fork.snapshot.model.len();
     let config = arm.configuration(&setup.config, gaussians);
     let (config_text, file) = (config.written_in(output.folder())?, output.folder().join("arm.json"));
-    let from = checksum(&fork.snapshot.model);
+    let from = crc32(fork.snapshot.model.bytes());
     if resume && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text) {
         // A result that is unreadable, of another fork, or about another model is computed again.
         let read = std::fs::read(&file).ok().and_then(|bytes| open(&bytes).ok());
@@ -155,14 +153,6 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     let model = crc32_of_file(&output.model())?;
     Output::json(&file, "arm.json", &seal(json!({ "fork_crc32": from, "model_crc32": model, "record": record })))?;
     Ok(record)
-}
-
-/// CRC-32 of a model's parameters.
-fn checksum(model: &Gaussians) -> u32 {
-    let Gaussians { means, log_scales, rotations, opacity_logits, sh } = model;
-    let parts: [&[u8]; 4] =
-        [cast_slice(means), cast_slice(log_scales), cast_slice(rotations), cast_slice(opacity_logits)];
-    crc32(parts.into_iter().chain(sh.iter().map(|band| cast_slice(band))))
 }
 
 fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecord) -> ArmRecord {

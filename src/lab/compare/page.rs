@@ -3,11 +3,11 @@
 use super::{Arm, ArmRecord, CompareRecord};
 use crate::pipeline::evaluate::exhibits::exhibits;
 use crate::report::cut;
-use crate::report::format::{bytes, count, decimals, percent, seconds};
+use crate::report::format::{bytes, count, decimals, percent, seconds, short};
 use crate::report::page::Column::{Number, Text};
 use crate::report::page::{self, Section, absent, list, side_by_side};
 use crate::report::picture::{data_uri, read};
-use crate::report::plot::{Axis, Bar, Scatter, Spot, bars};
+use crate::report::plot::{Axis, Bar, Front, Point, bars};
 use crate::report::slider::{Layer, Stack, compare};
 use image::RgbImage;
 use image::imageops::{FilterType, crop_imm, resize};
@@ -90,13 +90,17 @@ fn plots(compared: &CompareRecord) -> Markup {
         let value = best - a.psnr?;
         Some(Bar { name: a.name.clone(), value, text: decimals(value, 2) })
     };
-    let spot = |a: &ArmRecord| Some(Spot { label: a.name.clone(), group: 0, at: [a.fps?, a.psnr?] });
-    let speed = Scatter {
+    let point = |a: &ArmRecord| {
+        let (fps, psnr) = (a.fps?, a.psnr?);
+        let (label, told) = (a.name.clone(), format!("{}: {}, {}", a.name, short(fps), short(psnr)));
+        Some(Point { label, told, at: [fps, psnr], spread: [fps; 2], front: false, default: false })
+    };
+    let speed = Front {
         title: "Quality and speed",
         x: Axis::new("frames/s"),
         y: Axis::new("PSNR / dB"),
-        groups: &[],
-        spots: arms.iter().filter_map(spot).collect(),
+        legend: &[],
+        points: arms.iter().filter_map(point).collect(),
     };
     let lost: Vec<Bar> = arms.iter().filter_map(lost).collect();
     if lost.is_empty() {

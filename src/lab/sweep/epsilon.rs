@@ -8,6 +8,7 @@ use super::subject::Context;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::job::Error;
+use crate::qirf::assemble::symmetric;
 use crate::qirf::overlap::Metric as Overlaps;
 use crate::qirf::participation::Gram;
 use crate::qirf::partition::Blocks;
@@ -52,7 +53,8 @@ fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Resu
     let some = Blocks::of(sampled.iter().step_by(sampled.len().div_ceil(CONDITIONED).max(1)));
     let metric = Overlaps { dilation: dilation(model, basis.dilate), ..Overlaps::default() };
     let problems = blocks::problems(context, resident, &some, metric, basis)?;
-    let condition = |p: &blocks::Problem| Gram::from_packed(p.len(), &p.overlap, None, basis.epsilon).condition();
+    let condition =
+        |p: &blocks::Problem| Gram::new(p.len(), &symmetric(p.len(), &p.overlap), None, basis.epsilon).condition();
     let mut all: Vec<f64> = problems.par_iter().filter_map(condition).collect();
     all.sort_by(f64::total_cmp);
     Ok((all.get(all.len() / 2).copied().unwrap_or(1.0), all.last().copied().unwrap_or(1.0)))

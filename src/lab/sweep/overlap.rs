@@ -22,12 +22,9 @@ use std::time::Instant;
 
 /// A Gaussian whose ratio of smallest to largest scale is below this is thin.
 const THIN: f64 = 1.0 / 30.0;
+
 fn primitives(model: &Gaussians) -> Vec<Primitive> {
-    let one = |i: usize| Primitive {
-        position: model.means[i].map(f64::from),
-        scales: model.log_scales[i].map(|s| f64::from(s).exp()),
-        quaternion: model.rotations[i].map(f64::from),
-    };
+    let one = |i: usize| Primitive::of(model.means[i], model.log_scales[i], model.rotations[i]);
     (0..model.len()).map(one).collect()
 }
 

@@ -93,7 +93,7 @@ fn plot(axis: &AxisRecord) -> Markup {
     let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's Gram matrix");
     let x = if axis.abscissa.is_some() { Scale::new(title) } else { Scale::from_zero(title) };
     let (x, y) = (x.or_log(&xs), accuracies.axis(axis.accuracy));
-    Front { title: axis.title, x, y, legend, points }.draw()
+    Front { title: axis.title, x, y, legend: &legend, points }.draw()
 }
 
 fn rungs(axis: &AxisRecord) -> Markup {

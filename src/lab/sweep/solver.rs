@@ -8,7 +8,7 @@ use super::subject::Context;
 use super::timing::{Sample, Timed, interleaved};
 use crate::gaussians::resident::Resident;
 use crate::job::Error;
-use crate::qirf::assemble::{Assembly, Options};
+use crate::qirf::assemble::{Assembly, Options, symmetric};
 use crate::qirf::dense::serving;
 use crate::qirf::overlap::Metric as Overlaps;
 use crate::qirf::participation::{Eigensolver, Gram, device, solve as solve_block};
@@ -37,7 +37,8 @@ struct Solution {
 }
 
 fn solve(problem: &Problem, solver: Solver, basis: &Basis) -> Solution {
-    let metric = Gram::from_packed(problem.len(), &problem.overlap, None, basis.epsilon).by(solver.library);
+    let overlap = symmetric(problem.len(), &problem.overlap);
+    let metric = Gram::new(problem.len(), &overlap, None, basis.epsilon).by(solver.library);
     let (p, _) = solve_block(&metric, &problem.rows, &problem.density, solver.eigensolver, basis.tau);
     Solution { lambda: p.spectrum.to_vec(), q: p.q, failed: p.canonical }
 }

@@ -7,7 +7,7 @@ use super::views::Views;
 use crate::gaussians::formats::{self, Ladder, Precision, RenderMode, SpzVersion};
 use crate::gaussians::{self, Gaussians};
 use crate::job::records::{Aim, AimRecord, Truth};
-use crate::job::{Error, Session, Watcher};
+use crate::job::{Error, Session, Stage, Watcher};
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::{Evaluator, mean};
 use crate::pipeline::prune::{self, PrunePlan};
@@ -229,7 +229,7 @@ impl Trials for Files<'_> {
         }
         self.tried += 1;
         if let Some(watcher) = watcher {
-            watcher.trying(self.tried, self.tried.max(TRIES));
+            watcher.progress(Stage::Files, self.tried, self.tried.max(TRIES - 1) + 1);
         }
         Ok(length)
     }
@@ -286,7 +286,7 @@ impl<'a> Fitter<'a> {
         let mut search = Search::new(&mut files, self.model.len(), &steps);
         let found = search.find(aim)?;
         let tried = search.tried();
-        self.judge.session.watcher.trying(1, 1);
+        self.judge.session.watcher.progress(Stage::Files, 1, 1);
         let chosen = match found {
             Found::Best(point) => point,
             Found::TooSmall(least) => {

@@ -40,19 +40,6 @@ pub struct Input<'a> {
     pub read_s: f64,
 }
 
-/// Compresses a model and writes it to `output`, whose extension decides the format.
-///
-/// # Errors
-/// Any error from reading the model to writing it; [`Error::Interrupted`], with no model written.
-pub fn compress(
-    session: &Session<'_>,
-    input: Input<'_>,
-    config: &CompressConfig,
-    output: &Path,
-) -> Result<CompressRecord, Error> {
-    compress_to(session, input, (config, None), &Target::new(output))
-}
-
 /// Compresses a model in memory, whose means count from `origin`: the record's files have no path, and no bytes. An aim is met by the
 /// PLY file of the result.
 ///
@@ -70,10 +57,12 @@ pub fn compress_in_memory(
     Ok((record, model))
 }
 
-/// As [`compress`]. With an aim, the number of Gaussians and the format's settings are those of the best file that meets it.
+/// Compresses a model and writes it to a file, whose extension decides the format. With an aim, the number of Gaussians and the
+/// format's settings are those of the best file that meets it.
 ///
 /// # Errors
-/// As of [`compress`]; [`Error::Usage`] for a size that even one Gaussian exceeds, or a selector other than pairs.
+/// Any error from reading views to writing the model; [`Error::Interrupted`], with no model written; with an aim, [`Error::Usage`] for a
+/// size that even one Gaussian exceeds, or a selector other than pairs.
 pub fn compress_to(
     session: &Session<'_>,
     input: Input<'_>,

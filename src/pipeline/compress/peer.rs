@@ -2,8 +2,8 @@
 
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode};
-use crate::job::Error;
 use crate::job::session::Session;
+use crate::job::{Error, Stage};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -11,8 +11,6 @@ use std::process::Command;
 /// Kept shares of the Gaussians, in per cent.
 const SHARES: [u32; 6] = [100, 50, 28, 15, 10, 5];
 const FORMATS: [&str; 2] = ["sog", "spz"];
-/// Intermediate files.
-const MADE: [&str; 5] = ["whole.ply", "decimated.ply", "packed.sog", "packed.spz", "back.ply"];
 
 /// The command of splat-transform, and a folder for its files.
 pub struct Peer {
@@ -51,11 +49,13 @@ impl Peer {
 
     /// Its files of a model, from all Gaussians to few; failures are noted and left out.
     pub fn files(&self, session: &Session<'_>, model: &Gaussians, mode: RenderMode) -> Result<Vec<PeerFile>, Error> {
-        let whole = self.at("whole.ply");
+        let unwritten = |source| Error::Write { path: self.folder.clone(), source };
+        let scratch = tempfile::tempdir_in(&self.folder).map_err(unwritten)?;
+        let whole = scratch.path().join("whole.ply");
         formats::write(&whole, model, mode).map_err(Error::writing)?;
         let mut files = Vec::new();
         for (done, share) in SHARES.into_iter().enumerate() {
-            session.watcher.trying(done, SHARES.len());
+            session.watcher.progress(Stage::Files, done, SHARES.len());
             session.watcher.unless_stopped()?;
             let failed = |what: &str, words: &str| {
                 session.watcher.note(&format!("{}, {share} %, {what}: {words}", self.name()));
@@ -74,35 +74,27 @@ impl Peer {
                 }
             }
         }
-        session.watcher.trying(1, 1);
-        for name in MADE {
-            // What is not there needs no removal.
-            let _ = std::fs::remove_file(self.at(name));
-        }
+        session.watcher.progress(Stage::Files, 1, 1);
         Ok(files)
     }
 
-    fn at(&self, name: &str) -> PathBuf {
-        self.folder.join(format!("peer-{}-{name}", std::process::id()))
-    }
-
-    /// A model with a share of the Gaussians, or the reason of a failure.
+    /// A model with a share of the Gaussians, beside the whole one, or the reason of a failure.
     fn decimated(&self, whole: &Path, share: u32) -> Result<PathBuf, String> {
         if share == 100 {
             return Ok(whole.to_owned());
         }
-        let (out, share) = (self.at("decimated.ply"), format!("{share}%"));
+        let (out, share) = (whole.with_file_name("decimated.ply"), format!("{share}%"));
         self.start(&[whole.as_os_str(), OsStr::new("-d"), OsStr::new(&share), out.as_os_str()])?;
         Ok(out)
     }
 
-    /// One file of these Gaussians, or the reason of a failure.
+    /// One file of these Gaussians, beside them, or the reason of a failure.
     fn file(&self, decimated: &Path, format: &'static str) -> Result<PeerFile, String> {
-        let path = self.at(&format!("packed.{format}"));
+        let path = decimated.with_file_name(format!("packed.{format}"));
         self.start(&[decimated.as_os_str(), path.as_os_str()])?;
         let bytes = std::fs::metadata(&path).map_or(0, |m| m.len());
         // It keeps a PLY's axes in an SPZ, and an SPZ's in a PLY: only by itself do they come back.
-        let back = if format == "spz" { self.at("back.ply") } else { path.clone() };
+        let back = if format == "spz" { path.with_file_name("back.ply") } else { path.clone() };
         if format == "spz" {
             self.start(&[path.as_os_str(), back.as_os_str()])?;
         }

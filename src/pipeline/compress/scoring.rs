@@ -3,9 +3,9 @@
 use super::config::CompressConfig;
 use super::views::Views;
 use crate::gaussians::Gaussians;
-use crate::job::Error;
 use crate::job::records::Truth;
 use crate::job::session::Session;
+use crate::job::{Error, Stage};
 use crate::metrics::Scores;
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::Evaluator;
@@ -45,7 +45,7 @@ impl<'a> Scoring<'a> {
         let mut evaluator = Evaluator::of(device, *settings, model, test.iter().map(|(_, view)| view))?;
         let (done, total) = (self.done, self.total);
         let held_out = evaluator.held_out(model, test, None, networks, &mut |now| {
-            watcher.evaluating(done + now, total.max(done + test.len()));
+            watcher.progress(Stage::Scores, done + now, total.max(done + test.len()));
             watcher.unless_stopped()
         })?;
         self.done += test.len();

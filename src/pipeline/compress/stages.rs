@@ -1,4 +1,4 @@
-//! The stages of a compression as separate functions, for divided jobs: the results equal those of [`super::compress`], bit for
+//! The stages of a compression as separate functions, for divided jobs: the results equal those of [`super::compress_to`], bit for
 //! bit.
 
 use super::config::{CompressConfig, ViewSource};

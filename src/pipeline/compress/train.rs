@@ -4,10 +4,10 @@ use super::config::CompressConfig;
 use super::views::Views;
 use crate::gaussians::Gaussians;
 use crate::gpu::Device;
-use crate::job::Error;
 use crate::job::config::Pruning;
 use crate::job::records::Truth;
 use crate::job::session::Session;
+use crate::job::{Error, Stage};
 use crate::pipeline::{pair_capacity, virtual_views};
 use crate::render::Source;
 use crate::response::Responses;
@@ -29,7 +29,7 @@ pub fn respond(
     if views.truth == Truth::Photos {
         let options = options(device, (model.len(), degree), views, config);
         let follow = |done| -> Result<(), Error> {
-            watcher.responding(done, views.train.len());
+            watcher.progress(Stage::Responses, done, views.train.len());
             watcher.unless_stopped()
         };
         return train::responses(device, model, &views.train, &options, wanted, (follow, of));

@@ -73,7 +73,8 @@ impl Views {
         opened: Opened,
         config: &CompressConfig,
     ) -> Result<(Self, DrawSource<'m>), Error> {
-        let place = budget::for_compress(session.device, model, Self::needs(&opened, model, config))?;
+        let needs = Self::with_config(CompressNeeds::of_photos(&opened), model, config);
+        let place = budget::for_compress(session.device, model, needs)?;
         let prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
         let settings = prepared.settings(config.style);
         let names = prepared.names_to_train();
@@ -95,16 +96,13 @@ impl Views {
             return Ok((views.train.into_iter().map(|view| view.camera).collect(), views.settings, shown));
         };
         let opened = open(selection)?.only(names)?;
-        let place = budget::for_compress(session.device, model, Self::needs(&opened, model, config))?;
+        let needs = Self::with_config(CompressNeeds::of_photos(&opened), model, config);
+        let place = budget::for_compress(session.device, model, needs)?;
         let settings = opened.settings(config.style, selection.background);
         Ok((opened.cameras(), settings, DrawSource::new(session, model, place.whole)?))
     }
 
-    /// Memory needs of a compression by these photos.
-    fn needs(opened: &Opened, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
-        Self::with_config(CompressNeeds::of_photos(opened), model, config)
-    }
-
+    /// These needs with those of the compression's options.
     fn with_config(needs: CompressNeeds, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
         let (wanted, solver) = (config.compression.selector.reads(), config.compression.basis.solver);
         CompressNeeds { wanted, solver, style: config.style, trained: trained(config, model), ..needs }

@@ -1,6 +1,6 @@
 //! Files of depth maps: npy, 16-bit pictures and EXR.
 
-use std::io::Cursor;
+use std::io::{self, Cursor};
 use std::path::Path;
 
 use exr::meta::MetaData;
@@ -9,6 +9,7 @@ use glam::DVec2;
 use half::f16;
 use image::{DynamicImage, ImageReader};
 use npyz::{DType, NpyFile, TypeChar};
+use num_traits::{AsPrimitive, Bounded};
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult};
 
@@ -132,35 +133,32 @@ fn npy(bytes: &[u8], length: impl Fn(f64, f64) -> f32) -> Result<Map, String> {
     }
     let by_columns = npy.order() == npyz::Order::Fortran;
     let DType::Plain(kind) = npy.dtype() else { return Err("has records".to_owned()) };
-    let cut = |e: std::io::Error| format!("is cut short: {e}");
+    let cut = |e: io::Error| format!("is cut short: {e}");
     let depths: Vec<f32> = match (kind.type_char(), kind.num_bytes()) {
         (TypeChar::Float, Some(4)) => npy.into_vec::<f32>().map_err(cut)?,
         (TypeChar::Float, Some(8)) => npy.into_vec::<f64>().map_err(cut)?.into_iter().map(|v| v as f32).collect(),
         (TypeChar::Float, Some(2)) => npy.into_vec::<f16>().map_err(cut)?.into_iter().map(f16::to_f32).collect(),
-        (TypeChar::Uint, Some(2)) => {
-            npy.into_vec::<u16>().map_err(cut)?.into_iter().map(|v| length(v.into(), u16::MAX.into())).collect()
-        }
-        (TypeChar::Int, Some(2)) => {
-            npy.into_vec::<i16>().map_err(cut)?.into_iter().map(|v| length(v.into(), u16::MAX.into())).collect()
-        }
-        (TypeChar::Uint, Some(4)) => {
-            npy.into_vec::<u32>().map_err(cut)?.into_iter().map(|v| length(v.into(), u32::MAX.into())).collect()
-        }
-        (TypeChar::Int, Some(4)) => {
-            npy.into_vec::<i32>().map_err(cut)?.into_iter().map(|v| length(v.into(), i32::MAX.into())).collect()
-        }
-        (TypeChar::Uint, Some(8)) => {
-            npy.into_vec::<u64>().map_err(cut)?.into_iter().map(|v| length(v as f64, u64::MAX as f64)).collect()
-        }
-        (TypeChar::Int, Some(8)) => {
-            npy.into_vec::<i64>().map_err(cut)?.into_iter().map(|v| length(v as f64, i64::MAX as f64)).collect()
-        }
+        (TypeChar::Uint, Some(2)) => whole::<u16>(npy, length).map_err(cut)?,
+        (TypeChar::Int, Some(2)) => whole::<i16>(npy, length).map_err(cut)?,
+        (TypeChar::Uint, Some(4)) => whole::<u32>(npy, length).map_err(cut)?,
+        (TypeChar::Int, Some(4)) => whole::<i32>(npy, length).map_err(cut)?,
+        (TypeChar::Uint, Some(8)) => whole::<u64>(npy, length).map_err(cut)?,
+        (TypeChar::Int, Some(8)) => whole::<i64>(npy, length).map_err(cut)?,
         _ => return Err(format!("has numbers of type {kind}, not f2, f4, f8, u2, u4, u8, i2, i4 or i8")),
     };
     let (width, height) = (width as usize, height as usize);
     let at = |i: usize| depths[i % width * height + i / width];
     let depths = if by_columns { (0..depths.len()).map(at).collect() } else { depths };
     Ok(Map::new(width as u32, height as u32, depths))
+}
+
+/// Lengths of whole numbers, the largest of which says that nothing was hit.
+fn whole<T: npyz::Deserialize + AsPrimitive<f64> + Bounded>(
+    npy: NpyFile<&[u8]>,
+    length: impl Fn(f64, f64) -> f32,
+) -> io::Result<Vec<f32>> {
+    let most = T::max_value().as_();
+    Ok(npy.into_vec::<T>()?.into_iter().map(|steps| length(steps.as_(), most)).collect())
 }
 
 impl Map {

@@ -2,7 +2,6 @@
 
 use super::exposure_fit::{exposed, right_half};
 use super::pictures::{self, Format};
-use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
 use crate::job::records::ViewScores;
 use crate::job::{Error, Watcher};
@@ -203,20 +202,6 @@ impl Evaluator {
         Ok(self.painter.render(model.into(), &view.camera)?)
     }
 
-    /// Draws a view without reading it back, for the frame rate.
-    pub fn draw(&mut self, model: &Resident, view: &Photo) -> Result<(), Error> {
-        self.painter.renderer().draw(model, &view.camera)?;
-        Ok(())
-    }
-
-    /// Scores a rendered view against its photo.
-    ///
-    /// # Errors
-    /// Networks that do not fit the picture are noted in the scores, not errors; sizes always agree here.
-    pub fn score(&self, image: &Image, view: &Photo, networks: &Networks) -> Result<Scores, Error> {
-        self.comparison.score(image, view, networks)
-    }
-
     /// Draws views, and hands each with its picture to `judge` on all cores while the next ones are drawn. Answers are in the views'
     /// order, and `follow` receives their number so far.
     fn each<T: Send>(
@@ -315,7 +300,10 @@ impl Evaluator {
         let started = Instant::now();
         for view in &views {
             match model {
-                Source::Device(model) => self.draw(model, view)?,
+                // Without reading the picture back.
+                Source::Device(model) => {
+                    self.painter.renderer().draw(model, &view.camera)?;
+                }
                 // Its parts travel to the device for every picture.
                 Source::Host(_) => drop(self.render(model, view)?),
             }

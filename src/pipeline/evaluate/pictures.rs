@@ -87,7 +87,10 @@ pub fn write(path: &Path, image: &Image, format: Format, transparent: bool) -> R
     }
     write_atomically(path, |out| match format {
         Format::Png => write_png(out, image, transparent),
-        Format::Npy => write_npy(out, image),
+        Format::Npy => {
+            let shape = [u64::from(image.height), u64::from(image.width), 4];
+            npy(out, &shape, image.pixels.as_flattened())
+        }
     })
     .map_err(Error::writing)
 }
@@ -116,10 +119,10 @@ pub fn write_png(out: &mut dyn io::Write, image: &Image, transparent: bool) -> i
         })
 }
 
-fn write_npy(out: &mut dyn io::Write, image: &Image) -> io::Result<()> {
-    let shape = [u64::from(image.height), u64::from(image.width), 4];
-    let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(out).begin_nd()?;
-    writer.extend(image.pixels.as_flattened().iter().copied())?;
+/// Writes an array of this shape as NPY, its values row by row.
+pub fn npy(out: &mut dyn io::Write, shape: &[u64], values: &[f32]) -> io::Result<()> {
+    let mut writer = npyz::WriteOptions::new().default_dtype().shape(shape).writer(out).begin_nd()?;
+    writer.extend(values.iter().copied())?;
     writer.finish()
 }
 

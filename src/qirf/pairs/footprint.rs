@@ -15,7 +15,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
 /// Number of directions from which footprints are compared.
-pub const DIRECTIONS: usize = 6;
+const DIRECTIONS: usize = 6;
 /// Weight of coverage beside colours.
 const COVERAGE: f64 = 0.3;
 /// Share of the more visible Gaussian's transmittance in that of a merged one; the rest is the mean of both.
@@ -23,18 +23,9 @@ const NEARER: f64 = 0.5;
 /// Range of opacities, as in rendering.
 const OPACITIES: std::ops::RangeInclusive<f64> = 1e-4..=0.99;
 
-/// Measurements of a Gaussian.
-#[derive(Clone, Copy, Debug)]
-pub struct Observation<'a> {
-    /// Its scores over all views.
-    pub score: &'a Score,
-    /// Variance that rendering adds to its projection, in world units squared.
-    pub widening: f64,
-}
-
 /// The appearance of a Gaussian in the pictures.
 #[derive(Clone, Debug)]
-pub struct Footprint {
+pub(super) struct Footprint {
     /// Centre in world units.
     pub mean: DVec3,
     /// Sum of T alpha over all pixels of all views: its weight in means.
@@ -47,6 +38,7 @@ pub struct Footprint {
     density: f64,
     colour: DVec3,
     behind: DVec3,
+    /// Variance that rendering adds to the projections, in world units squared.
     widening: f64,
     /// Projected covariances, with the widening.
     projections: [Projection; DIRECTIONS],
@@ -98,9 +90,9 @@ pub(super) fn covariance(model: &Gaussians, i: usize) -> DMat3 {
 }
 
 impl Footprint {
-    /// The footprint of Gaussian `i`; `None` if no picture shows it or its values are not finite.
-    pub fn of(model: &Gaussians, i: usize, observation: &Observation<'_>) -> Option<Self> {
-        let Observation { score, widening } = *observation;
+    /// The footprint of Gaussian `i` by its score over all views, where rendering adds the variance `widening` in world
+    /// units squared to its projection; `None` if no picture shows it or its values are not finite.
+    pub fn of(model: &Gaussians, i: usize, score: &Score, widening: f64) -> Option<Self> {
         let (contribution, squares) = (f64::from(score.contribution), f64::from(score.squares));
         if !(contribution > 0.0 && squares > 0.0) {
             return None;
@@ -208,7 +200,7 @@ mod tests {
         model.sh[0] = rgb.map(|v| (v - 0.5) / SH_C0 as f32).to_vec();
         let (unit, a) =
             (Score { contribution: 1.0, squares: 0.5, ..Score::default() }, f64::from(opacity) * transmittance);
-        let area = Footprint::of(&model, 0, &Observation { score: &unit, widening: 0.001 }).unwrap().area();
+        let area = Footprint::of(&model, 0, &unit, 0.001).unwrap().area();
         let pixels = 1e5 * area;
         let score = Score {
             contribution: (a * pixels) as f32,
@@ -216,7 +208,7 @@ mod tests {
             behind: [(0.2 * a * pixels) as f32; 3],
             ..Score::default()
         };
-        Footprint::of(&model, 0, &Observation { score: &score, widening: 0.001 }).unwrap()
+        Footprint::of(&model, 0, &score, 0.001).unwrap()
     }
 
     fn pair() -> [Footprint; 2] {
@@ -293,7 +285,7 @@ mod tests {
         let mut model = Gaussians::zeroed(1, 0);
         let of = |model: &Gaussians, contribution: f32, squares: f32| {
             let score = Score { contribution, squares, ..Score::default() };
-            Footprint::of(model, 0, &Observation { score: &score, widening: 1e-4 })
+            Footprint::of(model, 0, &score, 1e-4)
         };
         model.rotations[0] = [1.0, 0.0, 0.0, 0.0];
         assert!(of(&model, 1.0, 0.5).is_some());

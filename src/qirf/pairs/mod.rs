@@ -8,11 +8,10 @@ mod footprint;
 mod greedy;
 mod moments;
 
-pub use footprint::{DIRECTIONS, Footprint, Observation};
-
 use crate::gaussians::Gaussians;
 use crate::response::Score;
 use crate::scene::camera::Camera;
+use footprint::Footprint;
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -84,7 +83,7 @@ impl Sequence {
         assert_eq!(scores.len(), n, "one score a Gaussian");
         let observe = |i: usize| {
             let widening = f64::from(dilation) * pixel_area(cameras, DVec3::from(model.means[i].map(f64::from)));
-            Footprint::of(model, i, &Observation { score: &scores[i], widening })
+            Footprint::of(model, i, &scores[i], widening)
         };
         let observed: Vec<Option<Footprint>> = (0..n).into_par_iter().map(observe).collect();
         let (seen, footprints) =
@@ -113,7 +112,7 @@ impl Sequence {
             let place = moments::heaviest(scores, members);
             pairs.keep[place] = true;
             if let Some(gaussian) = gaussian {
-                gaussian.store(&mut pairs.model, place);
+                moments::store(&mut pairs.model, place, gaussian);
                 pairs.counts.clusters += 1;
                 pairs.counts.merged += members.len() - 1;
             }

@@ -10,24 +10,14 @@ use glam::{DMat3, DQuat, DVec3};
 /// Smallest axis of a merged Gaussian, as a share of its largest.
 const THINNEST: f64 = 1e-6;
 
-/// A merged Gaussian.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Merged {
-    mean: [f32; 3],
-    log_scales: [f32; 3],
-    rotation: [f32; 4],
-    opacity_logit: f32,
-    sh: Vec<Vec<f32>>,
-}
-
 /// The member with the greatest contribution to the pictures, the first of equals.
 pub(super) fn heaviest(scores: &[Score], members: &[usize]) -> usize {
     let weight = |i: usize| scores[i].contribution;
     members.iter().copied().reduce(|a, b| if weight(b) > weight(a) { b } else { a }).expect("a cluster has members")
 }
 
-/// The Gaussian that represents a cluster; `None` for a cluster of one, which stays unchanged.
-pub(super) fn merged(model: &Gaussians, scores: &[Score], cluster: &Cluster) -> Option<Merged> {
+/// The Gaussian that represents a cluster, as a model of one; `None` for a cluster of one, which stays unchanged.
+pub(super) fn merged(model: &Gaussians, scores: &[Score], cluster: &Cluster) -> Option<Gaussians> {
     let Cluster { members, opacity } = cluster;
     if members.len() < 2 {
         return None;
@@ -52,24 +42,18 @@ pub(super) fn merged(model: &Gaussians, scores: &[Score], cluster: &Cluster) -> 
         let sum = |c: usize| members.iter().map(|&i| share(i) * f64::from(band[width * i + c])).sum::<f64>();
         (0..width).map(|c| sum(c) as f32).collect()
     });
-    Some(Merged {
-        mean: mean.as_vec3().to_array(),
-        log_scales: std::array::from_fn(|k| (0.5 * variances[k].max(least).ln()) as f32),
-        rotation: [rotation.w, rotation.x, rotation.y, rotation.z].map(|x| x as f32),
-        opacity_logit: (opacity / (1.0 - opacity)).ln() as f32,
+    Some(Gaussians {
+        means: vec![mean.as_vec3().to_array()],
+        log_scales: vec![std::array::from_fn(|k| (0.5 * variances[k].max(least).ln()) as f32)],
+        rotations: vec![[rotation.w, rotation.x, rotation.y, rotation.z].map(|x| x as f32)],
+        opacity_logits: vec![(opacity / (1.0 - opacity)).ln() as f32],
         sh: sh.collect(),
     })
 }
 
-impl Merged {
-    /// Writes it into a model, replacing Gaussian `i`.
-    pub fn store(&self, model: &mut Gaussians, i: usize) {
-        model.means[i] = self.mean;
-        model.log_scales[i] = self.log_scales;
-        model.rotations[i] = self.rotation;
-        model.opacity_logits[i] = self.opacity_logit;
-        for (band, mine) in model.sh.iter_mut().zip(&self.sh) {
-            band[mine.len() * i..][..mine.len()].copy_from_slice(mine);
-        }
+/// Replaces Gaussian `i` of a model by that of a model of one.
+pub(super) fn store(model: &mut Gaussians, i: usize, one: &Gaussians) {
+    for (to, from) in model.attributes_mut().zip(one.attributes()).into_array() {
+        to[from.len() * i..][..from.len()].copy_from_slice(from);
     }
 }

@@ -6,7 +6,7 @@
 
 pub mod device;
 
-use super::assemble::{symmetric, unpack_lower};
+use super::assemble::unpack_lower;
 use super::dense::{Library, Real, serving};
 use super::{CHANNELS, Row};
 use crate::wording::named;
@@ -79,24 +79,6 @@ impl Gram {
     #[must_use]
     pub fn by(self, library: &'static dyn Library) -> Self {
         Self { library, ..self }
-    }
-
-    /// Like [`Gram::new`], from the packed lower triangle of N.
-    ///
-    /// # Panics
-    /// If `packed` does not hold m (m + 1) / 2 numbers.
-    pub fn from_packed(m: usize, packed: &[f32], self_overlaps: Option<&[f64]>, epsilon: f64) -> Self {
-        Self::new(m, &symmetric(m, packed), self_overlaps, epsilon)
-    }
-
-    /// Number of Gaussians in the block.
-    pub fn len(&self) -> usize {
-        self.m
-    }
-
-    /// Returns true if the block has no Gaussian.
-    pub fn is_empty(&self) -> bool {
-        self.m == 0
     }
 
     /// Largest over smallest eigenvalue: infinite if the metric is not positive definite, `None` if it is empty or

@@ -5,23 +5,26 @@ use serde::{Deserialize, Serialize};
 
 use super::{Ranking, rounded};
 use crate::qirf::partition::Blocks;
+use crate::wording::named;
 
 /// Shares are rounded to millionths, so that counts are computed from integers.
 const MILLION: u128 = 1_000_000;
 /// Largest share of the kept Gaussians, as one in this many, that the detail safeguard may choose.
 const MOST_DETAIL: usize = 5;
 
-/// Distribution of the count over blocks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Budget {
-    /// Each block keeps its share.
-    PerBlock,
-    /// Half of the count by the blocks' shares, half by gain over the scene.
-    #[default]
-    Hybrid,
-    /// The whole count by gain over the scene.
-    Global,
+named! {
+    /// Distribution of the count over blocks.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Budget {
+        /// Each block keeps its share.
+        PerBlock = "per-block",
+        /// Half of the count by the blocks' shares, half by gain over the scene.
+        #[default]
+        Hybrid = "hybrid",
+        /// The whole count by gain over the scene.
+        Global = "global",
+    }
 }
 
 /// Number of Gaussians to keep.

@@ -10,7 +10,7 @@ mod selector;
 
 use rayon::prelude::*;
 
-pub use selector::{BlockSelector, Selector, Statistics};
+pub use selector::{Selector, Statistics};
 
 use super::partition::Blocks;
 

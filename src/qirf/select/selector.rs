@@ -17,19 +17,6 @@ const SALT: u64 = 0x5e1e_c702;
 /// `LightGaussian`: exponent of the volume, and the quantile of volumes that normalises it.
 const LIGHT: (f64, f64) = (0.1, 0.9);
 
-/// Selectors that rank by the overlaps of a block. The others score each Gaussian alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BlockSelector {
-    /// Participation in the generalized eigenproblem, as in the paper.
-    Gnso,
-    /// Participation with the identity as the metric.
-    Ordinary,
-    /// Norm of the rows of (N + eps I)^(-1/2) W.
-    Lowdin,
-    /// Greedy column subset of N, weighted by response.
-    Css,
-}
-
 named! {
     /// A rule that orders Gaussians, the first to keep first.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -49,7 +36,7 @@ named! {
         Opacity = "opacity",
         /// A seeded random number.
         Random = "random",
-        /// Greedy column subset.
+        /// Greedy column subset of N, weighted by response.
         #[default]
         Css = "css",
         /// Largest T alpha over pixels (`RadSplat`, by rank).
@@ -66,15 +53,10 @@ named! {
 }
 
 impl Selector {
-    /// The selector of blocks, for selectors that need overlaps; `None` for those that score each Gaussian alone.
-    pub fn of_blocks(self) -> Option<BlockSelector> {
-        match self {
-            Self::Gnso => Some(BlockSelector::Gnso),
-            Self::Ordinary => Some(BlockSelector::Ordinary),
-            Self::Lowdin => Some(BlockSelector::Lowdin),
-            Self::Css => Some(BlockSelector::Css),
-            _ => None,
-        }
+    /// Returns true if it ranks by the overlaps of a block. Of the others, `pairs` merges over the whole model, and the
+    /// rest score each Gaussian alone.
+    pub fn reads_blocks(self) -> bool {
+        matches!(self, Self::Gnso | Self::Ordinary | Self::Lowdin | Self::Css)
     }
 
     /// The results that it needs of a pass over the training views. With every selector but `pairs`, the detail

@@ -99,11 +99,34 @@ fn store(model: &mut Gaussians, members: &[u32], kept: &[bool], functions: &Func
     let (starts, width) = layout(model);
     for (row, &i) in members.iter().enumerate().filter(|(row, _)| kept[*row]) {
         let (i, alpha) = (i as usize, functions.alpha[row]);
-        model.opacity_logits[i] = (alpha / (1.0 - alpha)).ln() as f32;
+        let logit = &mut model.opacity_logits[i];
+        // An opacity that did not change keeps its logit: one that rounds to 0 or 1 would get an infinite logit.
+        if alpha != opacity(*logit) {
+            *logit = (alpha / (1.0 - alpha)).ln() as f32;
+        }
         for (l, start) in starts.iter().enumerate() {
             let w = Gaussians::band_width(l);
             let from = &functions.sh[row * width + start..][..w];
             model.sh[l][i * w..(i + 1) * w].iter_mut().zip(from).for_each(|(to, x)| *to = *x as f32);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opacities_that_do_not_change_keep_their_logits() {
+        let mut model = Gaussians::zeroed(3, 0);
+        model.opacity_logits = vec![-800.0, 40.0, 0.0];
+        let members = [0, 1, 2];
+        let mut merged = functions(&model, &members, &[1.0; 3]);
+        assert_eq!(merged.alpha, [0.0, 1.0, 0.5]);
+        merged.alpha[2] = 0.75;
+        merged.sh[6] = 0.5;
+        store(&mut model, &members, &[true; 3], &merged);
+        assert_eq!(model.opacity_logits, [-800.0, 40.0, 3_f64.ln() as f32]);
+        assert_eq!(model.sh[0][6], 0.5);
     }
 }

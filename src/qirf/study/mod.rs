@@ -11,12 +11,13 @@ use super::partition::{Partition, Partitioned};
 use super::rrdm::Density;
 use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
 use super::select::detail::{self, Exponents, Inputs};
-use super::select::{BlockSelector, Ranking, Selector, Statistics};
+use super::select::{Ranking, Selector, Statistics};
 use super::{CHANNELS, normalise};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{self, Device};
 use crate::response::{CHANNEL_NAMES, Responses, Wanted};
+use crate::wording::named;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -46,15 +47,17 @@ pub fn bytes(n: usize, wanted: Wanted, solver: Eigensolver) -> u64 {
     Assembly::bytes(n, &batches).max(wanted.bytes(n))
 }
 
-/// The overlaps used as the metric.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Overlap {
-    /// N: overlaps of functions of unit norm.
-    #[default]
-    Normalised,
-    /// S, as in the literal text of the paper; epsilon dominates it.
-    Raw,
+named! {
+    /// The overlaps used as the metric.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Overlap {
+        /// N: overlaps of functions of unit norm.
+        #[default]
+        Normalised = "normalised",
+        /// S, as in the literal text of the paper; epsilon dominates it.
+        Raw = "raw",
+    }
 }
 
 /// Options for making and solving blocks: the inputs of an order besides the model and its responses.
@@ -177,7 +180,7 @@ impl Study {
         let partitioned = basis.partition.of(&model.means);
         let dilation = dilation(model, basis.dilate);
         let seconds = Seconds { partition: begun.elapsed().as_secs_f64(), ..Seconds::default() };
-        let of_blocks: Vec<BlockSelector> = selectors.iter().filter_map(|s| s.of_blocks()).collect();
+        let of_blocks: Vec<Selector> = selectors.iter().copied().filter(|s| s.reads_blocks()).collect();
         let mut study = Self {
             detail: detail_scores(model, responses),
             dilation,
@@ -208,7 +211,7 @@ impl Study {
         for &selector in selectors {
             let alone = selector.ranking(&self.partitioned.blocks, &statistics, u64::from(seed));
             let of_blocks = || {
-                let at = solved.iter().position(|(s, _)| Some(*s) == selector.of_blocks())?;
+                let at = solved.iter().position(|(s, _)| *s == selector)?;
                 Some(solved.swap_remove(at).1)
             };
             if let Some(ranking) = alone.or_else(of_blocks) {

@@ -10,7 +10,7 @@ use crate::qirf::overlap::Metric;
 use crate::qirf::participation::{Eigensolver, device};
 use crate::qirf::partition::Blocks;
 use crate::qirf::rrdm::Density;
-use crate::qirf::select::{BlockSelector, Ranking, rank};
+use crate::qirf::select::{Ranking, Selector, rank};
 use rayon::prelude::*;
 use std::time::Instant;
 
@@ -54,24 +54,17 @@ impl Study {
         device: &Device,
         observed: Observed<'_>,
         basis: &Basis,
-        selectors: Vec<BlockSelector>,
+        selectors: Vec<Selector>,
         rows: &[[f32; CHANNELS]],
     ) -> Result<()> {
         let began = Instant::now();
-        let mut solver = Solver {
-            eigensolver: basis.solver,
-            epsilon: basis.epsilon,
-            tau: basis.tau,
-            selectors,
-            ..Solver::default()
-        };
+        let mut solver = Solver { eigensolver: basis.solver, epsilon: basis.epsilon, tau: basis.tau, selectors };
         let job = Job { device, observed, basis, rows };
         if basis.solver == Eigensolver::Device {
             let failed = self.solve_on_device(&job)?;
-            let again =
-                Solver { eigensolver: Eigensolver::LowRank, selectors: vec![BlockSelector::Gnso], ..solver.clone() };
+            let again = Solver { eigensolver: Eigensolver::LowRank, selectors: vec![Selector::Gnso], ..solver.clone() };
             self.solve_on_host(&job, &again, &failed)?;
-            solver.selectors.retain(|s| *s != BlockSelector::Gnso);
+            solver.selectors.retain(|s| *s != Selector::Gnso);
         }
         if basis.solver != Eigensolver::Device || !solver.selectors.is_empty() {
             let all: Vec<usize> = (0..self.partitioned.blocks.len()).collect();
@@ -106,7 +99,7 @@ impl Study {
             };
             let spectrum = solution.lambda.map(f64::from);
             let modes = Modes { spectrum, r: solution.r.max(1) as u32, participation, unseen, ..Modes::default() };
-            let solved = Solved { ranked: vec![(BlockSelector::Gnso, ranking)], modes: Some(modes), repaired: 0 };
+            let solved = Solved { ranked: vec![(Selector::Gnso, ranking)], modes: Some(modes), repaired: 0 };
             collected.take(all, b, &solved);
             Ok(())
         })?;

@@ -1,4 +1,5 @@
-//! Points of time and accuracy: the line joins the Pareto front, the default is ringed, and whiskers show spreads.
+//! Labelled points, such as time and accuracy: a line joins the Pareto front, the default is ringed, and whiskers show
+//! spreads.
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
@@ -8,7 +9,7 @@ use maud::{Markup, html};
 /// Least distance of two labels, in pixels.
 const LINE: f64 = 13.0;
 
-/// One rung.
+/// A labelled point.
 pub struct Point {
     /// Its label.
     pub label: String,
@@ -16,7 +17,7 @@ pub struct Point {
     pub told: String,
     /// x and y.
     pub at: [f64; 2],
-    /// Quartiles of x.
+    /// Quartiles of x; if both equal x, there is no whisker.
     pub spread: [f64; 2],
     /// True if it is on the front, which the line joins.
     pub front: bool,
@@ -62,7 +63,7 @@ impl Accuracies {
     }
 }
 
-/// Rungs between two axes.
+/// Labelled points between two axes.
 pub struct Front<'a> {
     /// Title of the plot.
     pub title: &'a str,
@@ -70,9 +71,9 @@ pub struct Front<'a> {
     pub x: Axis<'a>,
     /// Vertical axis.
     pub y: Axis<'a>,
-    /// Legend of the points on the line, and of the others.
-    pub legend: [&'a str; 2],
-    /// The rungs; those that the axes cannot show are left out.
+    /// Legend of the points on the line, and of the others; empty for none.
+    pub legend: &'a [&'a str],
+    /// The points; those that the axes cannot show are left out.
     pub points: Vec<Point>,
 }
 
@@ -106,7 +107,7 @@ impl Front<'_> {
             @for (p, [x, y]) in points.iter().zip(&places) {
                 @let [from, to] = p.spread.map(|v| frame.x.at(v));
                 line class="axis" x1=(px(from)) x2=(px(to)) y1=(px(*y)) y2=(px(*y)) {}
-                (point(usize::from(!p.front), [*x, *y], 4.5, &p.told))
+                (point(usize::from(!p.front && !self.legend.is_empty()), [*x, *y], 4.5, &p.told))
                 @if p.default { circle class="ring" cx=(px(*x)) cy=(px(*y)) r="8" {} }
             }
             @for ((p, [x, _]), label) in points.iter().zip(&places).zip(&labels) {
@@ -115,7 +116,7 @@ impl Front<'_> {
                     x=(px(if at_right { x + BESIDE } else { x - BESIDE })) { (p.label) }
             }
         };
-        Drawing::new(self.title, &self.legend, SIZE, drawing)
+        Drawing::new(self.title, self.legend, SIZE, drawing)
     }
 }
 
@@ -164,10 +165,9 @@ mod tests {
     #[test]
     fn whatever_comes_is_drawn() {
         let points = [[0.0, 1.0], [f64::NAN, 0.0], [3.0, f64::INFINITY], [2.0, 5.0]].map(|at| point("<a>", at)).into();
-        let text =
-            Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: ["a", "b"], points }.draw().into_string();
+        let front = |points| Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: &["a", "b"], points };
+        let text = front(points).draw().into_string();
         assert!(!text.contains("NaN") && !text.contains("inf") && text.contains("&lt;a&gt;"), "{text}");
-        let none = Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: ["a", "b"], points: Vec::new() };
-        assert!(none.draw().into_string().contains("svg"));
+        assert!(front(Vec::new()).draw().into_string().contains("svg"));
     }
 }

@@ -1,4 +1,4 @@
-//! Lines and labelled spots between two axes.
+//! Lines between two axes.
 
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
@@ -77,48 +77,4 @@ impl Lines<'_> {
 
 fn path(places: &[(&[f64; 2], [f64; 2])]) -> String {
     places.iter().map(|(_, [x, y])| format!("{},{}", px(*x), px(*y))).collect::<Vec<_>>().join(" ")
-}
-
-/// A labelled point.
-pub struct Spot {
-    /// Its label.
-    pub label: String,
-    /// Index of the group that gives its colour.
-    pub group: usize,
-    /// x and y.
-    pub at: [f64; 2],
-}
-
-/// Labelled points between two axes.
-pub struct Scatter<'a> {
-    /// Title of the plot.
-    pub title: &'a str,
-    /// Horizontal axis.
-    pub x: Axis<'a>,
-    /// Vertical axis.
-    pub y: Axis<'a>,
-    /// Names of the groups.
-    pub groups: &'a [&'a str],
-    /// The points; those that the axes cannot show are left out.
-    pub spots: Vec<Spot>,
-}
-
-impl Scatter<'_> {
-    /// The plot.
-    pub fn draw(&self) -> Markup {
-        let spots: Vec<&Spot> = self.spots.iter().filter(|s| self.x.shows(s.at[0]) && self.y.shows(s.at[1])).collect();
-        let frame = Frame::new(&self.x, &self.y, spots.iter().map(|s| s.at[0]), spots.iter().map(|s| s.at[1]));
-        let [left, right] = Frame::across();
-        let drawing = html! {
-            (frame.draw(None))
-            @for spot in &spots {
-                @let [x, y] = [frame.x.at(spot.at[0]), frame.y.at(spot.at[1])];
-                @let at_right = x < left + 0.7 * (right - left);
-                (point(spot.group, [x, y], 4.5, &format!("{}: {}, {}", spot.label, short(spot.at[0]), short(spot.at[1]))))
-                text class={ "label" @if !at_right { " end" } } y=(px(y + 4.0))
-                    x=(px(if at_right { x + 8.0 } else { x - 8.0 })) { (spot.label) }
-            }
-        };
-        Drawing::new(self.title, self.groups, SIZE, drawing).figure()
-    }
 }

@@ -10,7 +10,7 @@ mod sheet;
 
 pub use bars::{Bar, Columns, bars, drawing_of_bars};
 pub use front::{Accuracies, Front, Point};
-pub use lines::{Line, Lines, Mark, Scatter, Spot};
+pub use lines::{Line, Lines, Mark};
 pub use scale::Axis;
 pub use sheet::sheet;
 

@@ -81,8 +81,13 @@ impl LensModel {
         )
     }
 
-    /// All names, for messages.
-    pub(crate) fn names() -> String {
-        Self::ALL.map(Self::name).join(", ")
+    /// The fault of a camera whose model, by its name or number, is not one of `known`, with the remedy.
+    pub(crate) fn unsupported(model: &str, known: impl IntoIterator<Item = Self>) -> String {
+        let known: Vec<&str> = known.into_iter().map(Self::name).collect();
+        format!(
+            "camera model {model} is not supported; known are {}; undistort the photos with `colmap image_undistorter` and \
+             open its output, or calibrate again with --ImageReader.camera_model OPENCV",
+            known.join(", ")
+        )
     }
 }

@@ -4,8 +4,8 @@ use crate::extension::has_extension;
 use std::path::{Path, PathBuf};
 
 use super::files::inside;
-use super::{ListedPoint, point_ply, pose};
-use crate::scene::Skipped;
+use super::{point_ply, pose};
+use crate::scene::{Point, Skipped};
 
 /// Names, in lower case, of clouds that tools put beside a capture's cameras, in this order.
 const NAMES: [&str; 7] =
@@ -16,7 +16,7 @@ const UNREAD: [&str; 5] = ["las", "laz", "e57", "pcd", "xyz"];
 
 /// The usable points of the cloud with one of the usual names, in any case, in the first of these folders that holds one. A file that
 /// is not a cloud is noted and left out: nothing names it.
-pub(super) fn beside(folders: &[&Path], skipped: &mut Skipped) -> Vec<ListedPoint> {
+pub(super) fn beside(folders: &[&Path], skipped: &mut Skipped) -> Vec<Point> {
     let files = |folder: &Path| inside(folder).into_iter().filter(|path| path.is_file()).collect();
     let held: Vec<Vec<PathBuf>> = folders.iter().map(|folder| files(folder)).collect();
     let named = |files: &Vec<PathBuf>| {
@@ -50,7 +50,7 @@ fn unread(files: &[PathBuf]) -> Option<String> {
 }
 
 /// Leaves out and counts points that are nowhere.
-pub(super) fn usable(mut points: Vec<ListedPoint>, skipped: &mut Skipped) -> Vec<ListedPoint> {
+pub(super) fn usable(mut points: Vec<Point>, skipped: &mut Skipped) -> Vec<Point> {
     let all = points.len();
     points.retain(|point| pose::is_place(point.position));
     skipped.bad_points += all - points.len();

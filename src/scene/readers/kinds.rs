@@ -1,6 +1,6 @@
 //! What a file is by its extension: a photo, a photo in a format that is not read, a video, an archive.
 
-use crate::extension::has_extension;
+use crate::extension::{extension, has_extension};
 use std::path::Path;
 
 /// Extensions of photos, in the order in which they are tried for names without one.
@@ -8,45 +8,22 @@ pub(super) const EXTENSIONS: [&str; 16] = [
     "png", "jpg", "jpeg", "JPG", "PNG", "JPEG", "webp", "WEBP", "tif", "tiff", "TIF", "TIFF", "exr", "EXR", "jpe",
     "jfif",
 ];
-/// Extensions, in lower case, of photos that are not read, and their formats.
-const UNREAD: [(&str, &str); 37] = [
-    ("heic", "HEIC"),
+/// Extensions, in lower case, of photos that are not read. In capitals, each is the name of its format.
+const UNREAD: [&str; 28] = [
+    "heic", "avif", "bmp", "gif", "tga", "pnm", "mpo", "hdr", "psd", "insp", "dng", "cr2", "cr3", "crw", "nef", "nrw",
+    "arw", "sr2", "srw", "raf", "orf", "rw2", "pef", "rwl", "3fr", "iiq", "x3f", "gpr",
+];
+/// Other extensions of photos that are not read, and their formats.
+const UNREAD_AS: [(&str, &str); 9] = [
     ("heif", "HEIC"),
     ("hif", "HEIC"),
-    ("avif", "AVIF"),
     ("jxl", "JPEG XL"),
     ("jp2", "JPEG 2000"),
     ("j2k", "JPEG 2000"),
     ("jpx", "JPEG 2000"),
-    ("bmp", "BMP"),
     ("dib", "BMP"),
-    ("gif", "GIF"),
-    ("tga", "TGA"),
     ("ppm", "PNM"),
     ("pgm", "PNM"),
-    ("pnm", "PNM"),
-    ("mpo", "MPO"),
-    ("hdr", "HDR"),
-    ("psd", "PSD"),
-    ("insp", "INSP"),
-    ("dng", "DNG"),
-    ("cr2", "CR2"),
-    ("cr3", "CR3"),
-    ("crw", "CRW"),
-    ("nef", "NEF"),
-    ("nrw", "NRW"),
-    ("arw", "ARW"),
-    ("sr2", "SR2"),
-    ("srw", "SRW"),
-    ("raf", "RAF"),
-    ("orf", "ORF"),
-    ("rw2", "RW2"),
-    ("pef", "PEF"),
-    ("rwl", "RWL"),
-    ("3fr", "3FR"),
-    ("iiq", "IIQ"),
-    ("x3f", "X3F"),
-    ("gpr", "GPR"),
 ];
 /// Extensions of videos.
 const VIDEOS: [&str; 13] =
@@ -62,8 +39,12 @@ pub(super) fn is_photo_name(path: &Path) -> bool {
 }
 
 /// The format of a path with the extension of photos that are not read.
-pub(super) fn unread_format(path: &Path) -> Option<&'static str> {
-    UNREAD.iter().find(|(known, _)| has_extension(path, &[known])).map(|(_, format)| *format)
+pub(super) fn unread_format(path: &Path) -> Option<String> {
+    let extension = extension(path);
+    if UNREAD.contains(&extension.as_str()) {
+        return Some(extension.to_uppercase());
+    }
+    UNREAD_AS.iter().find(|(known, _)| extension == *known).map(|(_, format)| (*format).to_owned())
 }
 
 /// True if the path has a video's extension.

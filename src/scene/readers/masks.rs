@@ -6,10 +6,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use super::files::appended;
+use super::files::{appended, inside};
 use super::kinds::is_photo_name;
 use super::names::{belongs_to, key, last, relative};
 use super::tree::{PhotoTree, is_map_folder, is_mask_folder};
+use crate::extension::folder_of;
 use crate::scene::image_file::{color_type, hides_where_white};
 use crate::wording::counted;
 use image::ColorType;
@@ -286,8 +287,8 @@ impl FolderMasks {
     fn unmatched(&self) -> Option<String> {
         let MaskFolder { path, files, .. } = &**self.folder.as_ref()?;
         let Some((first, _)) = files.first() else {
-            let mut unread = fs::read_dir(path).into_iter().flatten().flatten();
-            let first = unread.next()?.file_name().to_string_lossy().into_owned();
+            let unread = inside(path);
+            let first = unread.first()?.file_name()?.to_string_lossy();
             return Some(format!("no mask used: {} holds no pictures that are read (but {first})", path.display()));
         };
         let number = counted(files.len(), "file");
@@ -357,7 +358,7 @@ fn files(folder: &Path) -> Vec<(String, PathBuf)> {
 /// are white are none.
 pub fn masks_of(images: &Path) -> impl Fn(&str) -> Option<PathBuf> {
     let own = images.file_name().is_some_and(|n| n == "input" || n.to_string_lossy().starts_with("images"));
-    let capture = images.parent().filter(|_| own).unwrap_or(images);
+    let capture = if own { folder_of(images) } else { images };
     let names = PhotoTree::whole(images).names;
     let masks = Masks::of(capture, images, names.iter().map(String::as_str));
     move |name| masks.find(name).filter(|mask| !hides_where_white(mask))

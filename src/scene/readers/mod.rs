@@ -17,12 +17,11 @@ mod names;
 mod notes;
 mod place;
 mod point_ply;
-mod pose;
+pub(super) mod pose;
 mod repeated;
 mod transforms;
 mod tree;
 
-pub use colmap::rigs;
 pub use files::read_text;
 pub use instead::instead;
 pub use kinds::is_video_name;
@@ -33,7 +32,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use rayon::prelude::*;
 
 use self::place::{Place, Poses};
@@ -41,7 +40,7 @@ use super::faces::{self, Cut};
 use super::lens::{Lens, LensModel, Pinhole, VISIBLE_DISPLACEMENT};
 use super::merge::merge_repeated;
 use super::near;
-use super::view::{FOLDED, Role, View};
+use super::view::{FOLDED, View};
 use super::{Error, Names, OpenOptions, Point, Scene, SceneKind, Skipped};
 use crate::wording::counted;
 
@@ -50,37 +49,15 @@ struct Listing {
     kind: SceneKind,
     root: PathBuf,
     source: PathBuf,
-    views: Vec<ListedView>,
-    points: Vec<ListedPoint>,
+    /// Views with their ids.
+    views: Vec<(u32, View)>,
+    /// Points, whose tracks refer to views by their ids.
+    points: Vec<Point>,
     skipped: Skipped,
     /// The folder of the photos, if it is the capture's own.
     photos: Option<PathBuf>,
     /// Photos of views that were left out.
     left_out: Vec<PathBuf>,
-}
-
-/// A view as listed; tracks refer to it by `id`.
-struct ListedView {
-    id: u32,
-    name: String,
-    image: PathBuf,
-    mask: Option<PathBuf>,
-    depth: Option<PathBuf>,
-    depth_step: Option<f64>,
-    misfit: Option<f64>,
-    lens: Lens,
-    camera_id: u32,
-    pose: (DMat3, DVec3),
-    role: Role,
-}
-
-/// A point whose track still refers to views by their ids.
-struct ListedPoint {
-    position: DVec3,
-    normal: Option<DVec3>,
-    colour: [u8; 3],
-    error: f32,
-    track: Vec<u32>,
 }
 
 impl Scene {
@@ -125,9 +102,10 @@ pub fn photo_folder(capture: &Path, asked: Option<&Path>) -> Option<PathBuf> {
 /// Sorts views, reads their photos' headers, chooses ideal cameras and renumbers tracks.
 fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error> {
     let source = listing.source.clone();
-    listing.views.sort_by(|a, b| a.name.cmp(&b.name));
+    listing.views.sort_by(|(_, a), (_, b)| a.name.cmp(&b.name));
     let mut skipped = listing.skipped;
-    let mut listed = repeated::drop_repeated(listing.views, &source, &mut skipped)?;
+    let kept = repeated::drop_repeated(listing.views, &source, &mut skipped)?;
+    let (ids, mut listed): (Vec<u32>, Vec<View>) = kept.into_iter().unzip();
     repeated::unshare(&listing.root, &mut listed);
     if listed.is_empty() {
         let what = skipped.summary().join("; ");
@@ -147,28 +125,24 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
         find_depths(&files::image_folder(&listing.root, asked)?, &mut listed, &mut skipped);
     }
     skipped.notes.extend(notes::off_middle(&listed));
-    let mut numbered = finish(listed, &source, options, &mut skipped)?;
+    let mut numbered = finish(ids.into_iter().zip(listed).collect(), &source, options, &mut skipped)?;
     numbered.sort_by(|(_, a), (_, b)| a.name.cmp(&b.name));
     let mut numbers: HashMap<u32, Vec<u32>> = HashMap::new();
     for (i, (id, _)) in numbered.iter().enumerate() {
         numbers.entry(*id).or_default().push(i as u32);
     }
     let views: Vec<View> = numbered.into_iter().map(|(_, view)| view).collect();
-    let points: Vec<Point> = listing
-        .points
-        .into_iter()
-        .map(|point| {
-            let of_views = point.track.iter().filter_map(|id| numbers.get(id));
-            skipped.track_entries += point.track.len() - of_views.clone().count();
-            let mut track: Vec<u32> = of_views.flatten().copied().collect();
-            // Of the views that a photo was cut into, those that show it.
-            track.retain(|v| views[*v as usize].face.is_none() || views[*v as usize].camera.shows(point.position));
-            track.sort_unstable();
-            track.dedup();
-            let ListedPoint { position, normal, colour, error, .. } = point;
-            Point { position, normal, colour, error, track }
-        })
-        .collect();
+    let mut points = listing.points;
+    for point in &mut points {
+        let of_views = point.track.iter().filter_map(|id| numbers.get(id));
+        skipped.track_entries += point.track.len() - of_views.clone().count();
+        let mut track: Vec<u32> = of_views.flatten().copied().collect();
+        // Of the views that a photo was cut into, those that show it.
+        track.retain(|v| views[*v as usize].face.is_none() || views[*v as usize].camera.shows(point.position));
+        track.sort_unstable();
+        track.dedup();
+        point.track = track;
+    }
     let listed = points.len();
     let points = merge_repeated(points);
     skipped.repeated_points = listed - points.len();
@@ -184,7 +158,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
 }
 
 /// Finds the depth maps of views in a folder; one that may be that of several photos is none's.
-fn find_depths(folder: &Path, views: &mut [ListedView], skipped: &mut Skipped) {
+fn find_depths(folder: &Path, views: &mut [View], skipped: &mut Skipped) {
     // These replace those that the capture names.
     skipped.missing_depths = Names::default();
     let mut maps = depths::DepthMaps::of(folder);
@@ -206,16 +180,16 @@ fn find_depths(folder: &Path, views: &mut [ListedView], skipped: &mut Skipped) {
 /// The views with their ids and ideal cameras, at the real size of their photo if it is present and of the camera's shape.
 /// Photos that no pinhole can show are cut.
 fn finish(
-    listed: Vec<ListedView>,
+    listed: Vec<(u32, View)>,
     source: &Path,
     options: &OpenOptions,
     skipped: &mut Skipped,
 ) -> Result<Vec<(u32, View)>, Error> {
-    let sizes: Vec<_> = listed.par_iter().map(|view| files::photo_size(&view.image)).collect();
+    let sizes: Vec<_> = listed.par_iter().map(|(_, view)| files::photo_size(&view.image)).collect();
     let mut folded = Names::default();
     let mut known: HashMap<Vec<u64>, Option<Ideal>> = HashMap::new(); // most scenes have few lenses, and many views
     let mut views = Vec::with_capacity(listed.len());
-    for (view, photo_size) in listed.into_iter().zip(sizes) {
+    for ((id, mut view), photo_size) in listed.into_iter().zip(sizes) {
         let lens = match photo_size {
             Some((width, height)) if view.lens.fits(width, height) => view.lens.resized(width, height),
             _ => view.lens,
@@ -237,19 +211,12 @@ fn finish(
             folded.add(&view.name);
             continue;
         };
-        let mut finished = View::new(view.name, lens, view.pose, ideal.pinhole);
-        finished.image = view.image;
-        finished.mask = view.mask;
-        finished.depth = view.depth;
-        finished.depth_step = view.depth_step;
-        finished.misfit = view.misfit;
-        finished.camera_id = view.camera_id;
-        finished.role = view.role;
-        finished.photo_size = photo_size;
+        view.set_lens(lens, ideal.pinhole);
+        view.photo_size = photo_size;
         if ideal.faces.is_empty() {
-            views.push((view.id, finished));
+            views.push((id, view));
         } else {
-            views.extend(ideal.faces.iter().map(|face| (view.id, finished.cut(face, options.pole_mask.to_radians()))));
+            views.extend(ideal.faces.iter().map(|face| (id, view.cut(face, options.pole_mask.to_radians()))));
         }
     }
     if folded.count > 0 {

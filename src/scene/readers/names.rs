@@ -1,6 +1,7 @@
 //! Names of photos: how captures write them, how file systems do, and which files only belong to a photo.
 
 use crate::extension::has_extension;
+use crate::percent::percent_decoded;
 use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::Path;
@@ -38,20 +39,7 @@ pub(super) fn relative(path: &str) -> String {
 
 /// The name with escapes such as %20 decoded; none if it has none.
 pub(super) fn unescaped(name: &str) -> Option<String> {
-    let (mut bytes, mut rest) = (Vec::new(), name.as_bytes());
-    while let Some((first, more)) = rest.split_first() {
-        let code = more.get(..2).and_then(|hex| u8::from_str_radix(std::str::from_utf8(hex).ok()?, 16).ok());
-        let (byte, after) = if *first == b'%'
-            && let Some(code) = code
-        {
-            (code, &more[2..])
-        } else {
-            (*first, more)
-        };
-        bytes.push(byte);
-        rest = after;
-    }
-    String::from_utf8(bytes).ok().filter(|plain| plain != name)
+    Some(percent_decoded(name)).filter(|plain| plain != name)
 }
 
 /// The last part of a path with forward slashes.
@@ -63,7 +51,7 @@ pub(super) fn last(path: &str) -> &str {
 pub(super) fn folder_key(path: &str) -> String {
     let path = tidy(path);
     let folder = path.rsplit_once('/').map_or("", |(folder, _)| last(folder));
-    let folder = key(&unescaped(folder).unwrap_or_else(|| folder.to_owned()));
+    let folder = key(&percent_decoded(folder));
     // Copies stand for the photos.
     if reduction(&folder) > 1 { "images".to_owned() } else { folder }
 }

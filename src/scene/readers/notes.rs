@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec2, DVec3};
 
 use super::tree::PhotoTree;
-use super::{ListedView, Point, View};
+use super::{Point, View};
 use crate::scene::lens::Lens;
 use crate::scene::{Error, Names, Skipped, median};
 use crate::wording::counted;
@@ -58,7 +58,7 @@ pub(super) fn outlying(views: &[View]) -> Option<String> {
 const OFF_MIDDLE: f64 = 0.33;
 
 /// A note if the principal points of most views lie far from the middle.
-pub(super) fn off_middle(views: &[ListedView]) -> Option<String> {
+pub(super) fn off_middle(views: &[View]) -> Option<String> {
     let off = |lens: &Lens| {
         let size = DVec2::new(f64::from(lens.width), f64::from(lens.height));
         ((lens.principal - 0.5 * size) / size).abs().max_element() > OFF_MIDDLE
@@ -72,7 +72,7 @@ pub(super) fn off_middle(views: &[ListedView]) -> Option<String> {
 }
 
 /// Counts the photos in `folder` that no view has, and those that cannot be read.
-pub(super) fn unposed(folder: &Path, (views, left_out): (&[ListedView], &[PathBuf]), skipped: &mut Skipped) {
+pub(super) fn unposed(folder: &Path, (views, left_out): (&[View], &[PathBuf]), skipped: &mut Skipped) {
     let known: HashSet<&Path> = views.iter().map(|view| &view.image).chain(left_out).map(PathBuf::as_path).collect();
     let mut tree = PhotoTree::of(folder);
     tree.unread.retain(|name| !known.contains(folder.join(name).as_path()));

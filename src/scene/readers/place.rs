@@ -1,9 +1,10 @@
 //! Location of a scene's poses: the given folder, or a subfolder.
 
-use crate::extension::has_extension;
+use crate::extension::{folder_of, has_extension};
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use super::files::child;
+use super::files::{child, inside};
 use super::instead::instead;
 use super::names::is_result;
 use super::tree::{PhotoTree, unread};
@@ -38,8 +39,7 @@ pub(super) struct Place {
 /// Finds the scene at `path`, and reads nothing.
 pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
     std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
-    let folder = if path.is_file() { path.parent().unwrap_or(path) } else { path };
-    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let folder = if path.is_file() { folder_of(path) } else { path };
     let nothing = |beside| match instead(path) {
         Some(what) => Error::Instead { path: path.to_owned(), what },
         None => Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR, beside },
@@ -111,6 +111,11 @@ fn name_in(folder: &Path, inner: &Path) -> String {
     inner.strip_prefix(folder).unwrap_or(inner).display().to_string()
 }
 
+/// The last part of a path.
+fn own_name(path: &Path) -> Cow<'_, str> {
+    path.file_name().unwrap_or_default().to_string_lossy()
+}
+
 /// The scene whose poses lie in a folder.
 fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
     let colmap = |root: &Path, place: &Path| {
@@ -120,8 +125,8 @@ fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
     if colmap::is_model(folder) {
         return Some(Place::of(folder, Poses::Colmap(folder.to_owned())));
     }
-    if folder.file_name().is_some_and(|name| name.eq_ignore_ascii_case("sparse"))
-        && let Some(place) = colmap(folder.parent().unwrap_or(folder), folder)
+    if let Some(name) = folder.file_name().filter(|name| name.eq_ignore_ascii_case("sparse"))
+        && let Some(place) = colmap(folder_of(folder), &folder_of(folder).join(name))
     {
         return Some(place);
     }
@@ -152,9 +157,8 @@ fn here(folder: &Path, options: &OpenOptions) -> Option<Place> {
 
 /// The scene with the largest model in folders such as sparse_16, as InstantSplat calls them by their number of photos.
 fn numbered(folder: &Path) -> Option<Place> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let sparse = entries.filter(|e| e.file_name().to_string_lossy().to_lowercase().starts_with("sparse_"));
-    let (model, note) = colmap::largest(folder, sparse.flat_map(|e| colmap::models(&e.path())).collect())?;
+    let sparse = inside(folder).into_iter().filter(|path| own_name(path).to_lowercase().starts_with("sparse_"));
+    let (model, note) = colmap::largest(folder, sparse.flat_map(|path| colmap::models(&path)).collect())?;
     let only = || format!("the poses are those of {}", name_in(folder, &model));
     let note = Some(note.unwrap_or_else(only));
     Some(Place { note, ..Place::of(folder, Poses::Colmap(model)) })
@@ -162,10 +166,7 @@ fn numbered(folder: &Path) -> Option<Place> {
 
 /// The scenes in a folder's subfolders, sorted, without results of this program.
 fn within(folder: &Path) -> Vec<Place> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut folders: Vec<PathBuf> =
-        entries.filter(|e| !e.file_name().to_string_lossy().starts_with('.')).map(|e| e.path()).collect();
-    folders.sort();
-    let scenes = folders.into_iter().filter(|path| path.is_dir() && !is_result(path));
+    let folders = inside(folder).into_iter().filter(|path| !own_name(path).starts_with('.'));
+    let scenes = folders.filter(|path| path.is_dir() && !is_result(path));
     scenes.filter_map(|path| here(&path, &OpenOptions::default())).collect()
 }

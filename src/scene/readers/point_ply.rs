@@ -4,17 +4,17 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::{ListedPoint, files};
+use super::files;
 use crate::kernels::constants::sh::float64::SH_C0;
 use crate::ply::{Fault, Header, Slot, Table, malformed, tables};
-use crate::scene::Error;
+use crate::scene::{Error, Point};
 
 /// Reads the vertices of a PLY file.
-pub(super) fn read(path: &Path) -> Result<Vec<ListedPoint>, Error> {
+pub(super) fn read(path: &Path) -> Result<Vec<Point>, Error> {
     points(&files::read(path)?).map_err(|fault| Error::malformed(path, fault.record, fault.what))
 }
 
-fn points(bytes: &[u8]) -> Result<Vec<ListedPoint>, Fault> {
+fn points(bytes: &[u8]) -> Result<Vec<Point>, Fault> {
     if !bytes.starts_with(b"ply") {
         return Err(malformed("the beginning", "is no PLY file; convert the point cloud to PLY"));
     }
@@ -38,7 +38,7 @@ fn points(bytes: &[u8]) -> Result<Vec<ListedPoint>, Fault> {
         _ if brightest > MOST_SHARE => 1.0,
         _ => 255.0,
     };
-    let point = |(row, shown): (&[u8], [f64; 3])| ListedPoint {
+    let point = |(row, shown): (&[u8], [f64; 3])| Point {
         position: DVec3::new(x.value(row), y.value(row), z.value(row)),
         // Models of Gaussians have zeros here.
         normal: normal.and_then(|columns| DVec3::from_array(columns.map(|c| c.value(row))).try_normalize()),

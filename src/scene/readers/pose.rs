@@ -1,6 +1,7 @@
 //! Poses from quaternions and matrices; none for anything but a rigid motion.
 
 use glam::{DMat3, DQuat, DVec3};
+use serde_json::Value;
 
 /// Largest coordinate of a pose or point; beyond it float32 has no precision left for detail.
 const FARTHEST: f64 = 1e15;
@@ -17,6 +18,18 @@ pub(super) fn from_quaternion([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> 
     let q = DQuat::from_xyzw(x, y, z, w);
     let usable = q.is_finite() && (1e-12..1e12).contains(&largest) && is_place(translation);
     usable.then(|| (DMat3::from_quat(q.normalize()), translation))
+}
+
+/// The rows of a matrix, of which there are at least three; they may also be given one after another. NaN stands for what
+/// is no number.
+pub(in crate::scene) fn rows(matrix: &Value) -> Option<Vec<Vec<f64>>> {
+    let numbers = |list: &Vec<Value>| list.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect::<Vec<f64>>();
+    let list = matrix.as_array()?;
+    let rows: Vec<Vec<f64>> = match list.len() {
+        12 | 16 => numbers(list).chunks(4).map(<[f64]>::to_vec).collect(),
+        _ => list.iter().map(|row| row.as_array().map(numbers)).collect::<Option<_>>()?,
+    };
+    (rows.len() >= 3 && rows.iter().all(|row| row.len() == 4)).then_some(rows)
 }
 
 /// Divides a matrix of four rows by its last entry, so that the last row is 0 0 0 1.
@@ -45,11 +58,16 @@ pub(super) fn is_mirrored(rows: &[Vec<f64>]) -> bool {
 ///
 /// Uniformly scaled axes are normalised; a mirrored, sheared (cosine over 1e-3) or singular matrix is no pose.
 pub(super) fn from_opengl(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
+    from_opengl_skewed(rows, 1e-3)
+}
+
+/// As [`from_opengl`], with another limit on the cosine between axes.
+pub(in crate::scene) fn from_opengl_skewed(rows: &[Vec<f64>], most: f64) -> Option<(DMat3, DVec3)> {
     let column = |c: usize| Some(DVec3::new(*rows.first()?.get(c)?, *rows.get(1)?.get(c)?, *rows.get(2)?.get(c)?));
     let centre = column(3)?;
     let (right, up, back) = (column(0)?.try_normalize()?, column(1)?.try_normalize()?, column(2)?.try_normalize()?);
     let skew = right.dot(up).abs().max(up.dot(back).abs()).max(back.dot(right).abs());
-    if skew > 1e-3 || right.cross(up).dot(back) <= 0.0 || !is_place(centre) {
+    if skew > most || right.cross(up).dot(back) <= 0.0 || !is_place(centre) {
         return None;
     }
     // The nearest rotation to within rounding: the viewing axis stays, the others are made orthogonal to it.

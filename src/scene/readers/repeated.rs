@@ -3,24 +3,24 @@
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-use super::{ListedView, names};
-use crate::scene::view::Role;
+use super::names;
+use crate::scene::view::{Role, View};
 use crate::scene::{Error, Skipped};
 use crate::wording::counted;
 
 /// Drops views listed twice with the same fields; refuses a name with two poses or cameras, as either may be wrong.
 /// Views listed for training and for test have no role.
 pub(super) fn drop_repeated(
-    views: Vec<ListedView>,
+    views: Vec<(u32, View)>,
     source: &Path,
     skipped: &mut Skipped,
-) -> Result<Vec<ListedView>, Error> {
-    let mut kept: Vec<ListedView> = Vec::with_capacity(views.len());
+) -> Result<Vec<(u32, View)>, Error> {
+    let mut kept: Vec<(u32, View)> = Vec::with_capacity(views.len());
     let mut split_copies = 0_usize;
-    for view in views {
+    for (id, view) in views {
         match kept.last_mut() {
-            Some(last) if last.name == view.name => {
-                if last.pose != view.pose || last.lens != view.lens {
+            Some((_, last)) if last.name == view.name => {
+                if last.camera != view.camera || last.lens != view.lens {
                     return Err(Error::malformed(
                         source,
                         format!("image {:?}", view.name),
@@ -34,7 +34,7 @@ pub(super) fn drop_repeated(
                     last.role = Role::Unsaid;
                 }
             }
-            _ => kept.push(view),
+            _ => kept.push((id, view)),
         }
     }
     skipped.notes.extend((split_copies > 0).then(|| no_split(split_copies)));
@@ -48,16 +48,15 @@ pub(super) fn no_split(count: usize) -> String {
 
 /// If two views claim one file, the view with exactly that name keeps it, otherwise the first. If only the last parts of their names
 /// match the file's, neither gets it.
-pub(super) fn unshare(root: &Path, views: &mut [ListedView]) {
+pub(super) fn unshare(root: &Path, views: &mut [View]) {
     let mut twins: HashMap<String, Vec<usize>> = HashMap::new();
     for (i, view) in views.iter().enumerate().filter(|(_, view)| view.name.contains('/')) {
         twins.entry(names::key(names::last(&view.name))).or_default().push(i);
     }
-    let named = |view: &ListedView| names::folder_key(&view.name);
+    let named = |view: &View| names::folder_key(&view.name);
     let doubtful = |i: &usize, twins: &[usize]| {
         let view = &views[*i];
-        let other =
-            |twin: &ListedView| named(twin) != named(view) && (twin.image == view.image || !twin.image.is_file());
+        let other = |twin: &View| named(twin) != named(view) && (twin.image == view.image || !twin.image.is_file());
         names::folder_key(&view.image.to_string_lossy()) != named(view) && twins.iter().any(|j| other(&views[*j]))
     };
     let all = twins.values().filter(|twins| twins.len() > 1);
@@ -67,8 +66,8 @@ pub(super) fn unshare(root: &Path, views: &mut [ListedView]) {
         let view = &mut views[i];
         view.image = view.image.with_file_name(&view.name); // which is not there
     }
-    let named = |view: &ListedView| names::last(&view.name) == view.image.file_name().unwrap_or_default();
-    let mut order: Vec<&mut ListedView> = views.iter_mut().collect();
+    let named = |view: &View| names::last(&view.name) == view.image.file_name().unwrap_or_default();
+    let mut order: Vec<&mut View> = views.iter_mut().collect();
     order.sort_by_key(|view| !named(view)); // stable
     let mut taken = HashSet::new();
     for view in order {

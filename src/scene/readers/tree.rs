@@ -176,8 +176,8 @@ impl PhotoTree {
 
 /// A note on photos in formats that are not read; none without such photos.
 pub(super) fn unread(names: &[String]) -> Option<String> {
-    let formats: BTreeSet<&str> = names.iter().filter_map(|name| unread_format(Path::new(name))).collect();
-    let formats: Vec<&str> = formats.into_iter().collect();
+    let formats: BTreeSet<String> = names.iter().filter_map(|name| unread_format(Path::new(name))).collect();
+    let formats: Vec<String> = formats.into_iter().collect();
     let is_not = if formats.len() == 1 { "is not read" } else { "are not read" };
     let (photos, formats) = (counted(names.len(), "photo"), formats.join(" and "));
     let mut some = Names::default();

@@ -15,7 +15,7 @@ pub struct Copies {
 
 /// The copies of each block after it has trained its own Gaussians and its margin from a meeting on. A copy's weight is
 /// the depth of its Gaussian in the block's grown cell: half at a border, zero where the margin ends.
-pub fn copies(layout: &Layout, meeting: &Meeting<'_>) -> Vec<Copies> {
+pub fn copies(layout: &Layout, meeting: &Meeting) -> Vec<Copies> {
     let means = &meeting.collected.means;
     let trained = |b: usize| -> Vec<(usize, f64)> {
         let grown = layout.cells.grown(b, GROWN);
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn copies_near_a_border_are_averaged_and_others_stay() {
         let (model, layout, starts) = scene();
-        let of = copies(&layout, &Meeting { collected: &model, starts: &starts });
+        let of = copies(&layout, &Meeting { collected: model.clone(), starts: starts.to_vec() });
         assert!(of.iter().all(|copies| (160..220).contains(&copies.rows.len())), "own rows and margins");
         let same: Vec<Gaussians> = of.iter().map(|copies| model.select(&copies.rows)).collect();
         let back = blended(&of, &same, 300);
@@ -125,7 +125,7 @@ mod tests {
     fn a_block_that_trains_nothing_has_its_own_rows_alone() {
         let (model, mut layout, starts) = scene();
         layout.blocks[1].crops.clear();
-        let of = copies(&layout, &Meeting { collected: &model, starts: &starts });
+        let of = copies(&layout, &Meeting { collected: model.clone(), starts: starts.to_vec() });
         assert_eq!(of[1].rows, (starts[1]..300).collect::<Vec<_>>());
         let blocks: Vec<Gaussians> = of.iter().map(|copies| model.select(&copies.rows)).collect();
         let back = blended(&of, &blocks, 300);

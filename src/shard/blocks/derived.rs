@@ -31,7 +31,7 @@ pub(super) fn coarse(config: &RunConfig, divisor: u32, points: bool) -> RunConfi
     let resolution = match config.resolution.as_deref() {
         None => Some(format!("/{divisor}")),
         Some(text) => match text.strip_prefix('/').map(str::parse::<u32>) {
-            Some(k) => Some(format!("/{}", k.unwrap_or(1) * divisor)),
+            Some(k) => Some(format!("/{}", k.unwrap_or(1).saturating_mul(divisor))),
             None => Some((text.parse::<u32>().unwrap_or(divisor) / divisor).max(1).to_string()),
         },
     };
@@ -95,7 +95,13 @@ mod tests {
 
     #[test]
     fn the_coarse_model_is_a_short_run_on_small_pictures() {
-        for (resolution, small) in [(None, "/4"), (Some("/2"), "/8"), (Some("800"), "200"), (Some("3"), "1")] {
+        for (resolution, small) in [
+            (None, "/4"),
+            (Some("/2"), "/8"),
+            (Some("/2147483648"), "/4294967295"),
+            (Some("800"), "200"),
+            (Some("3"), "1"),
+        ] {
             let of = RunConfig { resolution: resolution.map(str::to_owned), ..run(1000) };
             let coarse = coarse(&of, 4, false);
             assert_eq!(coarse.resolution.as_deref(), Some(small));

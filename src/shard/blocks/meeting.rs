@@ -8,17 +8,17 @@ use crate::train::checkpoint::Snapshot;
 use std::ops::Range;
 
 /// The Gaussians of all blocks at a meeting.
-pub struct Meeting<'a> {
+pub struct Meeting {
     /// All Gaussians, in the order of the blocks.
-    pub collected: &'a Gaussians,
+    pub collected: Gaussians,
     /// The first row of each block in it.
-    pub starts: &'a [usize],
+    pub starts: Vec<usize>,
 }
 
 /// Returns a block's state as it came to a meeting.
 pub(super) type Came<'a> = &'a dyn Fn(usize) -> Result<Snapshot, Error>;
 
-impl Meeting<'_> {
+impl Meeting {
     /// The rows that block number `b` contributed.
     pub(super) fn rows(&self, b: usize) -> Range<usize> {
         self.starts[b]..self.starts.get(b + 1).copied().unwrap_or(self.collected.len())

@@ -223,7 +223,7 @@ impl BlockRun {
     pub fn choose(
         &self,
         session: &Session<'_>,
-        meeting: &Meeting<'_>,
+        meeting: &Meeting,
         chunks: impl Iterator<Item = Result<Responses, Error>>,
     ) -> Result<(PruneRecord, Vec<usize>), Error> {
         let (config, _) = self.choice()?;
@@ -240,7 +240,7 @@ impl BlockRun {
         &self,
         session: &Session<'_>,
         (layout, b, quota): (&Layout, usize, Option<usize>),
-        (meeting, came): (&Meeting<'_>, Came<'_>),
+        (meeting, came): (&Meeting, Came<'_>),
         output: &Output,
     ) -> Result<BlockState, Error> {
         let Some(block) = meeting.trains(layout, b) else {
@@ -254,9 +254,9 @@ impl BlockRun {
         let margin = if quota.is_some() { Vec::new() } else { meeting.margin(layout, b) };
         let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
         let trained: Vec<usize> = meeting.rows(b).chain(margin.iter().copied()).collect();
-        setup.take_share(meeting.collected, &trained, layout.of_nothing())?;
+        setup.take_share(&meeting.collected, &trained, layout.of_nothing())?;
         let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
-        let (snapshot, prune) = train_block(&mut setup, (meeting.collected, &trained, before), (until, None), output)?;
+        let (snapshot, prune) = train_block(&mut setup, (&meeting.collected, &trained, before), (until, None), output)?;
         Ok(BlockState { state: own(&snapshot, margin.len()), copies: 0, prune })
     }
 
@@ -267,12 +267,12 @@ impl BlockRun {
         &self,
         session: &Session<'_>,
         (layout, b): (&Layout, usize),
-        (meeting, came, prune): (&Meeting<'_>, Came<'_>, Option<&PruneRecord>),
+        (meeting, came, prune): (&Meeting, Came<'_>, Option<&PruneRecord>),
         output: &Output,
     ) -> Result<BlockState, Error> {
         let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| meetings(config)[2]);
         let before = || meeting.with(came, b, &rows[meeting.rows(b).len()..]);
-        let scene = (meeting.collected, &rows[..], before);
+        let scene = (&meeting.collected, &rows[..], before);
         self.along_with_margin(session, (layout, b, meeting), scene, (until, prune), output)
     }
 
@@ -282,7 +282,7 @@ impl BlockRun {
         &self,
         session: &Session<'_>,
         (layout, b): (&Layout, usize),
-        (meeting, blended, settled): (&Meeting<'_>, &Gaussians, BlockState),
+        (meeting, blended, settled): (&Meeting, &Gaussians, BlockState),
         output: &Output,
     ) -> Result<BlockState, Error> {
         let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| config.schedule.iterations);
@@ -297,7 +297,7 @@ impl BlockRun {
     fn along_with_margin(
         &self,
         session: &Session<'_>,
-        (layout, b, meeting): (&Layout, usize, &Meeting<'_>),
+        (layout, b, meeting): (&Layout, usize, &Meeting),
         (scene, rows, before): (&Gaussians, &[usize], impl FnOnce() -> Result<Snapshot, Error>),
         (until, prune): (impl FnOnce(&RunConfig) -> u32, Option<&PruneRecord>),
         output: &Output,

@@ -2,8 +2,8 @@
 
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::job::Error;
 use crate::job::session::Session;
+use crate::job::{Error, Stage};
 use crate::pipeline::pair_capacity;
 use crate::render::{Settings, TrainingRenderer};
 use crate::response::{Score, Views, Wanted, full_pass};
@@ -66,13 +66,13 @@ pub fn seen(
     let gradient = device.buffer("image gradient", 1)?;
     let mut rows = Vec::with_capacity(cameras.len());
     for (done, (camera, drawn)) in cameras.iter().zip(small).enumerate() {
-        watcher.responding(done, cameras.len());
+        watcher.progress(Stage::Responses, done, cameras.len());
         watcher.unless_stopped()?;
         let views = Views { cameras: std::slice::from_ref(drawn), follow: |_| Ok::<(), Error>(()), of: None };
         let responses = full_pass(&mut renderer, &resident, views, &gradient, Wanted::SCORES, |_, _, _, _| Ok(()))?;
         rows.push(of_view(model, &responses.scores, (owners, blocks), (camera, drawn.pixels())));
     }
-    watcher.responding(cameras.len(), cameras.len());
+    watcher.progress(Stage::Responses, cameras.len(), cameras.len());
     Ok(rows)
 }
 

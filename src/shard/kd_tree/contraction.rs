@@ -1,21 +1,20 @@
 //! The map of all space into a cube.
 
-use super::exact;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// Coordinates of contracted space are at most this far from its centre.
 const REACH: f64 = 2.0;
 
-/// A map of all space into a cube of side 4: the unit cube around `centre`, of half side `radius`, keeps its shape, and the rest
-/// of the world lies in the shell around it (as in mip-NeRF 360, with the largest coordinate as the norm).
+/// A map of all space into a cube of side 4: the cube around `centre` keeps its shape, and the rest of the world lies in
+/// the shell around it (as in mip-NeRF 360, with the largest coordinate as the norm).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Contraction {
-    #[serde(with = "exact::three")]
+    /// The cube's centre in world units.
     pub(super) centre: [f64; 3],
-    #[serde(with = "exact")]
-    pub(super) radius: f64,
+    /// Half the cube's side in world units.
+    pub(super) half_side: f64,
 }
 
 impl Contraction {
@@ -26,13 +25,13 @@ impl Contraction {
         let first = finite.next().unwrap_or(DVec3::ZERO);
         let (low, high) = finite.fold((first, first), |(low, high), p| (low.min(p), high.max(p)));
         let half = 0.5 * (high - low).max_element();
-        Self { centre: (low + 0.5 * (high - low)).to_array(), radius: if half > 0.0 { half } else { 1.0 } }
+        Self { centre: (low + 0.5 * (high - low)).to_array(), half_side: if half > 0.0 { half } else { 1.0 } }
     }
 
     /// The contracted position of a position in world units, each coordinate within -2..=2; NaN if one of its
     /// coordinates is.
     pub fn of(&self, position: [f32; 3]) -> [f64; 3] {
-        let p: [f64; 3] = std::array::from_fn(|i| (f64::from(position[i]) - self.centre[i]) / self.radius);
+        let p: [f64; 3] = std::array::from_fn(|i| (f64::from(position[i]) - self.centre[i]) / self.half_side);
         if p.iter().any(|x| x.is_nan()) {
             return [f64::NAN; 3];
         }
@@ -56,7 +55,7 @@ mod tests {
 
     #[test]
     fn the_unit_cube_keeps_its_shape_and_infinity_is_two_away() {
-        let c = Contraction { centre: [1.0, -2.0, 0.5], radius: 3.0 };
+        let c = Contraction { centre: [1.0, -2.0, 0.5], half_side: 3.0 };
         assert_eq!(c.of([1.0, -2.0, 0.5]), [0.0; 3]);
         assert_eq!(c.of([4.0, -5.0, 2.0]), [1.0, -1.0, 0.5]);
         // p = (4, 2, 0): 2 - 1/4 along the largest coordinate.
@@ -70,9 +69,9 @@ mod tests {
     #[test]
     fn the_cube_encloses_the_cameras() {
         let points = [DVec3::new(-1.0, 0.0, 2.0), DVec3::new(5.0, 2.0, 2.0), DVec3::splat(f64::NAN)];
-        assert_eq!(Contraction::around(points), Contraction { centre: [2.0, 1.0, 2.0], radius: 3.0 });
+        assert_eq!(Contraction::around(points), Contraction { centre: [2.0, 1.0, 2.0], half_side: 3.0 });
         for few in [vec![], vec![DVec3::ONE; 2]] {
-            assert_eq!(Contraction::around(few).radius, 1.0);
+            assert_eq!(Contraction::around(few).half_side, 1.0);
         }
     }
 }

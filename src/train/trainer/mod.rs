@@ -206,7 +206,8 @@ impl Trainer {
     /// if that comes first.
     ///
     /// # Errors
-    /// Device memory; device errors. The model is then in its state after [`Trainer::iteration`] iterations.
+    /// Device memory; device errors; photos that cannot be read. Some steps of the stretch may have changed the model by
+    /// then: training continues from a snapshot, not from here.
     pub fn advance(&mut self, until: u32) -> Result<Progress> {
         let first = self.iteration;
         if until <= first {

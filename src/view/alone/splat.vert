@@ -10,7 +10,7 @@ uniform vec3 centre;    // of the camera, in the file's axes
 uniform vec2 size, limit;
 uniform float focal, near, dilation;
 uniform bool antialiased;
-uniform int degree, texels;
+uniform int degree, texels, width_bits;
 
 layout(location = 0) in uint index;
 
@@ -22,7 +22,7 @@ const float SH_C0 = 0.28209479177387814, SH_C1 = 0.4886025119029199;
 const float XY = 1.0925484305920792, ZZ = 0.31539156525252005, XX = 0.5462742152960396;
 const float XXX = 0.5900435899266435, XYZ = 2.890611442640554, XZZ = 0.4570457994644658, ZZZ = 0.3731763325901154, XXZ = 1.445305721320277;
 
-uvec4 texel(usampler2D from, uint at) { return texelFetch(from, ivec2(at & 2047u, at >> 11), 0); }
+uvec4 texel(usampler2D from, uint at) { return texelFetch(from, ivec2(at & ((1u << width_bits) - 1u), at >> width_bits), 0); }
 
 vec3 bytes(uint word) { return vec3(uvec3(word, word >> 8, word >> 16) & 255u); }
 

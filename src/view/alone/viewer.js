@@ -26,7 +26,7 @@ void main() {
 
 const state = {
   camera: null, n: 0, degree: 0, texels: 0, count: 0, sent: 0, sorted: 0, asked: null, drawn: false, turning: false, now: 0,
-  keys: new Set(), pointers: new Map(), ready: false,
+  keys: new Set(), pointers: new Map(), ready: false, widthBits: 0,
 };
 globalThis.viewer = state;
 
@@ -53,10 +53,13 @@ function program(vertex, fragment) {
 }
 
 function upload(unit, words) {
+  const width = 2 ** state.widthBits, height = words.length / (4 * width), most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+  if (height > most) throw new Error(`its texture of ${width} x ${height} texels is more than this device can hold`);
   gl.activeTexture(gl.TEXTURE0 + unit);
   gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32UI, 2048, words.length / 8192);
-  gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, 2048, words.length / 8192, gl.RGBA_INTEGER, gl.UNSIGNED_INT, words);
+  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32UI, width, height);
+  gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RGBA_INTEGER, gl.UNSIGNED_INT, words);
+  if (gl.getError() === gl.OUT_OF_MEMORY) throw new Error("the graphics device has too little memory");
   for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
 }
 
@@ -115,6 +118,7 @@ function draw() {
   gl.uniform1i(at("antialiased"), scene.antialiased ? 1 : 0);
   gl.uniform1i(at("degree"), state.degree);
   gl.uniform1i(at("texels"), state.texels);
+  gl.uniform1i(at("width_bits"), state.widthBits);
   gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, state.count);
 
   gl.bindFramebuffer(gl.FRAMEBUFFER, null);
@@ -279,6 +283,8 @@ function listen() {
 function begin() {
   document.body.style.background = `rgb(${scene.background.map((c) => Math.round(255 * c))})`;
   if (!gl) return say("this browser has no WebGL 2, which this page needs");
+  // The widest textures whose width is a power of two hold the most.
+  state.widthBits = 31 - Math.clz32(gl.getParameter(gl.MAX_TEXTURE_SIZE));
   const text = new Blob([$("worker").textContent], { type: "text/javascript" });
   worker = new Worker(URL.createObjectURL(text));
   worker.onmessage = ({ data }) => {
@@ -296,7 +302,7 @@ function begin() {
     requestAnimationFrame(tick);
   };
   worker.onerror = (event) => say(`the model cannot be opened: ${event.message}`);
-  worker.postMessage({ model: $("model").textContent });
+  worker.postMessage({ model: $("model").textContent, widthBits: state.widthBits });
   $("model").textContent = ""; // the worker has it
 }
 

@@ -100,15 +100,18 @@ function decoded(text) {
 
 let means = null; // n x 3, in the file's axes
 
-/** Rows of `width` words each, in a texture's rows of 2048 texels of four words. */
-const texture = (words) => new Uint32Array(Math.max(1, Math.ceil(words / 8192)) * 8192);
+/** At least `words` words, rounded up to whole rows of a texture: 2^`widthBits` texels of four words. */
+function texture(words, widthBits) {
+  const row = 4 * 2 ** widthBits;
+  return new Uint32Array(Math.max(1, Math.ceil(words / row)) * row);
+}
 
-async function open({ model, fallback }) {
+async function open({ model, widthBits, fallback }) {
   const packed = decoded(model), plain = fallback ? inflate(packed) : await unzipped(packed), view = new DataView(plain.buffer);
   const n = view.getUint32(8, true), [degree, fractional] = [plain[12], plain[13]];
   const rest = 3 * ((degree + 1) ** 2 - 1), texels = Math.ceil(rest / 16), unit = 2 ** -fractional;
   const [alphas, colours, scales, turns, sh] = [9, 10, 13, 16, 20].map((row) => 16 + n * row);
-  const splats = texture(8 * n), bands = texture(4 * texels * n);
+  const splats = texture(8 * n, widthBits), bands = texture(4 * texels * n, widthBits);
   const real = new Float32Array(splats.buffer), bytes = new Uint8Array(bands.buffer);
   means = new Float32Array(3 * n);
   for (let i = 0; i < n; i++) {

@@ -101,8 +101,9 @@ fn scan(device: &Device, take: &mut Take) {
     let target = device.upload("target", &vec![7; n as usize]).expect("a small buffer");
     let count = Count::known(device, "n", n, &[Scan::block(device)]).expect("a count");
     let scan = Scan::new(device, n).expect("a scan");
+    let total = Count::new(device, "total", u32::MAX, &[]).expect("a count");
     let mut recording = Recording::new();
-    scan.record(&mut recording, &count, (&source).into(), &target, None);
+    scan.record(&mut recording, &count, (&source).into(), &target, &total);
     device.run(recording).expect("it runs");
     let mut sum = 0;
     for (got, value) in target.read(device).expect("it is there").into_iter().zip(data) {

@@ -112,7 +112,6 @@ fn gzip_is_unpacked_whatever_it_holds() {
     }
 }
 
-/// Doubles far from the origin keep their differences, and the place that the means then count from is written and read.
 #[test]
 fn a_byte_order_mark_is_no_part_of_a_text() {
     let folder = tempfile::tempdir().unwrap();
@@ -131,6 +130,7 @@ fn a_byte_order_mark_is_no_part_of_a_text() {
     assert_eq!(formats::read_bytes(&splat, Path::new("model.splat")).unwrap().gaussians.len(), 1);
 }
 
+/// Doubles far from the origin keep their differences, and the place that the means then count from is written and read.
 #[test]
 fn far_doubles_keep_their_differences() {
     let dc: [Property; 3] =

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use qirf_vk::qirf::batch::{Block, Collected, Solver};
 use qirf_vk::qirf::dense::{LIBRARIES, Library};
 use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, lowdin, solve};
-use qirf_vk::qirf::select::{BlockSelector, css, rank};
+use qirf_vk::qirf::select::{Selector, css, rank};
 use qirf_vk::qirf::{CHANNELS, Row};
 use qirf_vk::random::uniform;
 use qirf_vk::reference::overlap::{Primitive, block as overlaps};
@@ -190,7 +190,7 @@ fn the_column_subset_agrees_with_the_deflated_matrix() {
 
 #[test]
 fn a_batch_gives_what_its_blocks_give_and_damage_is_counted() {
-    let selectors = vec![BlockSelector::Gnso, BlockSelector::Ordinary, BlockSelector::Lowdin, BlockSelector::Css];
+    let selectors = vec![Selector::Gnso, Selector::Ordinary, Selector::Lowdin, Selector::Css];
     let solver = Solver { selectors, ..Solver::default() };
     let sizes = [1, 2, 7, 40, 3];
     let mut made: Vec<_> = sizes.iter().zip(0..).map(|(&m, seed)| random_block(m, 1.0, seed)).collect();

@@ -11,9 +11,8 @@ use qirf_vk::qirf::dense::LIBRARIES;
 use qirf_vk::qirf::normalise::rows;
 use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::partition::Partition;
-use qirf_vk::qirf::select::BlockSelector;
 use qirf_vk::qirf::select::budget::{Budget, Keep, choose};
-use qirf_vk::qirf::select::rank;
+use qirf_vk::qirf::select::{Selector, rank};
 use qirf_vk::random::uniform;
 use qirf_vk::reference::overlap::{Primitive, block as overlaps};
 use rayon::prelude::*;
@@ -42,10 +41,9 @@ fn a_thousand_real_blocks() {
     let h = rows(&descriptors(model.len()), ETA);
     println!("normalised in {:?}", start.elapsed());
 
-    let primitive = |&i: &u32| Primitive {
-        position: model.means[i as usize].map(f64::from),
-        scales: model.log_scales[i as usize].map(|s| f64::from(s).exp()),
-        quaternion: model.rotations[i as usize].map(f64::from),
+    let primitive = |&i: &u32| {
+        let i = i as usize;
+        Primitive::of(model.means[i], model.log_scales[i], model.rotations[i])
     };
     let overlap = |b: usize| -> Vec<f32> {
         let primitives: Vec<Primitive> = blocks.block(b).iter().map(primitive).collect();
@@ -88,7 +86,7 @@ fn a_thousand_real_blocks() {
             self_overlaps: None,
         })
         .collect();
-    for selector in [BlockSelector::Gnso, BlockSelector::Ordinary, BlockSelector::Lowdin, BlockSelector::Css] {
+    for selector in [Selector::Gnso, Selector::Ordinary, Selector::Lowdin, Selector::Css] {
         let solver = Solver { selectors: vec![selector], ..Solver::default() };
         let start = Instant::now();
         let solved = solver.solve(&batch);

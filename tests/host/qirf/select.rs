@@ -6,7 +6,7 @@ use qirf_vk::qirf::CHANNELS;
 use qirf_vk::qirf::batch::{Block, Collected, Solver};
 use qirf_vk::qirf::select::budget::{Budget, Keep, Safeguard, choose, quotas};
 use qirf_vk::qirf::select::merge::{Functions, merge};
-use qirf_vk::qirf::select::{BlockSelector, Ranking, Selector, Statistics, detail, rank, rounded};
+use qirf_vk::qirf::select::{Ranking, Selector, Statistics, detail, rank, rounded};
 use qirf_vk::random::uniform;
 use qirf_vk::response::Score;
 
@@ -64,7 +64,7 @@ fn ties_go_by_index() {
 /// Identical Gaussians are ranked by their index, by every selector and in blocks of any size.
 #[test]
 fn equals_are_ranked_by_index_in_blocks_of_any_size() {
-    let selectors = vec![BlockSelector::Gnso, BlockSelector::Ordinary, BlockSelector::Lowdin, BlockSelector::Css];
+    let selectors = vec![Selector::Gnso, Selector::Ordinary, Selector::Lowdin, Selector::Css];
     let solver = Solver { selectors, ..Solver::default() };
     for m in (1..=8).chain([9, 40]) {
         // All separate, and all overlapping equally; all with the same response, and with none.
@@ -76,7 +76,7 @@ fn equals_are_ranked_by_index_in_blocks_of_any_size() {
             let solved = solver.solve_one(&block);
             assert_eq!(solved, solver.solve_one(&block), "once more");
             let modes = solved.modes.as_ref().expect("the host solves");
-            assert_eq!((modes.unseen, modes.canonical, modes.fallback), (response == 0.0, false, false));
+            assert_eq!((modes.unseen, modes.canonical), (response == 0.0, false));
             assert!(modes.r == 1 && modes.spectrum.iter().all(|l| l.is_finite()));
             for (selector, ranked) in &solved.ranked {
                 let told = format!("{selector:?}, {m} of overlap {across}, response {response}");
@@ -194,7 +194,7 @@ fn selectors_of_single_gaussians() {
     for (selector, name) in Selector::ALL.map(|selector| (selector, selector.name())) {
         assert_eq!(name.parse::<Selector>().unwrap(), selector);
         assert_eq!(selector.to_string(), name);
-        let of_more = selector.of_blocks().is_some() || selector == Selector::Pairs;
+        let of_more = selector.reads_blocks() || selector == Selector::Pairs;
         assert_eq!(!of_more, order(selector).is_some());
     }
     assert!("gsno".parse::<Selector>().unwrap_err().contains("gnso"));

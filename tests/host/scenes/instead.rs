@@ -135,6 +135,7 @@ fn intrinsics_that_would_be_ignored_are_refused_or_told() {
         let error = refused(with(&format!(r#", "camera_model": "{model}""#)).path());
         let known = error.split_once("known are ").unwrap().1;
         assert!(known.contains("OPENCV_FISHEYE") && !known.split(", ").any(|name| name == model), "{error}");
+        assert!(known.contains("image_undistorter"), "{error}");
     }
     let opened = open(with(r#", "camera_model": "OPENCV", "is_fisheye": true, "k1": 0.1"#).path());
     assert!(notes(&opened).contains("1 frame whose is_fisheye contradicts their camera_model"), "{}", notes(&opened));

@@ -281,8 +281,9 @@ fn principal_points_at_the_edge_are_told() {
 #[test]
 fn nulls_say_nothing() {
     let top = format!(r#"{TOP}, "train_filenames": null, "test_frames": null, "val_filenames": null"#);
-    let scene =
-        capture(json(&top).replace("\"transform_matrix\"", r#""is_bad": null, "mask_path": "", "transform_matrix""#));
+    let empty = r#""is_bad": null, "mask_path": "", "depth_file_path": "", "transform_matrix""#;
+    let scene = capture(json(&top).replace("\"transform_matrix\"", empty));
     let opened = open(scene.path());
-    assert_eq!((opened.views.len(), opened.skipped.missing_masks.count), (2, 0));
+    let missing = (opened.skipped.missing_masks.count, opened.skipped.missing_depths.count);
+    assert_eq!((opened.views.len(), missing), (2, (0, 0)));
 }

@@ -1,16 +1,21 @@
 //! `convert`, `inspect`, `synth`, `device`, `selftest`, help and completions.
 
 use super::{Sandbox, model};
-use crate::program::ended::{Ended, qirf};
+use crate::program::ended::{Ended, end, qirf};
 use crate::support::documented;
 use qirf_vk::gaussians::formats;
 use std::fs;
 use std::process::Stdio;
+use std::time::{Duration, SystemTime};
 
 #[test]
 fn models_are_converted_and_never_over_themselves() {
     let sandbox = Sandbox::new();
+    // A writer that was killed; no system numbers processes so high.
+    let left = sandbox.path(".model.spz.4194305-0.tmp");
+    fs::File::create(&left).unwrap().set_modified(SystemTime::now() - Duration::from_secs(7200)).unwrap();
     sandbox.works(&["convert", "model.ply", "model.spz"]);
+    assert!(!left.exists(), "its file goes");
     sandbox.works(&["convert", "model.ply", "copy.ply"]);
     assert_eq!(formats::read(&sandbox.path("copy.ply")).unwrap().gaussians, model(20));
     let ran = sandbox.works(&["inspect", "model.spz", "--json"]);
@@ -46,6 +51,21 @@ fn inspect_tells_what_is_there() {
         let ran = sandbox.works(&["inspect", path]);
         assert!(ran.out.lines().count() > 8 && !ran.out.contains('{'), "{}", ran.out);
     }
+}
+
+/// Beside `sparse`, named from within the capture, photos may lie in any folder.
+#[test]
+fn a_model_in_the_current_folder_has_its_photos_beside_it() {
+    let sandbox = Sandbox::new();
+    let capture = sandbox.scene("capture", "1 PINHOLE 40 30 35 35 20 15", &["b/two.png", "one.png"]);
+    let pictures = capture.join("pictures");
+    fs::create_dir_all(pictures.join("b")).unwrap();
+    for name in ["one.png", "b/two.png"] {
+        image::RgbImage::new(40, 30).save(pictures.join(name)).unwrap();
+    }
+    let mut command = sandbox.command(&["inspect", "sparse", "--json"]);
+    let ran = end(command.current_dir(capture)).with(0, &[]);
+    assert_eq!(ran.json()["photos_present"], 2);
 }
 
 #[test]

@@ -12,7 +12,10 @@ use tempfile::TempDir;
 /// Options of every run here: four prunes with fine-tuning in between, all in a second or two.
 const RUN: [&str; 6] = ["--iterations", "120", "--schedule", "gradual", "--grow-to", "300"];
 
-/// The iteration of the first prune of such a run.
+/// Iterations of such a run.
+pub const ITERATIONS: u32 = 120;
+
+/// The iteration of its first prune.
 pub const FIRST_PRUNE: u32 = 52;
 
 /// Nine photos of 48 x 36, made once.

@@ -1,6 +1,9 @@
 //! Kills and interruptions: a resumed run ends with the bytes of the undisturbed run.
 
-use super::harness::{FIRST_PRUNE, content, end, program, run, start, start_telling, undisturbed, whole, works};
+use super::harness::{
+    FIRST_PRUNE, ITERATIONS, content, end, program, run, start, start_telling, undisturbed, whole, works,
+};
+use qirf_vk::job::run_log::LogLine;
 use qirf_vk::random;
 use qirf_vk::train::checkpoint::Snapshot;
 use std::fs;
@@ -62,6 +65,10 @@ fn killed_in_training_and_fine_tuning_it_ends_with_the_same_bytes() {
     works(&mut run(out, &["--resume"]));
     assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "other bytes");
     assert!(moments.iter().any(|(at, _)| *at > 0), "some kill came in training");
+    let log = fs::read_to_string(out.join("log.jsonl")).unwrap();
+    let iteration = |line| serde_json::from_str::<LogLine>(line).expect("a line of JSON").iteration;
+    let logged: Vec<u32> = log.lines().map(iteration).collect();
+    assert!(logged.is_sorted_by(|a, b| a < b) && logged.last() == Some(&ITERATIONS), "{logged:?}");
     // Leftovers of killed writers are gone, and so is the checkpoint.
     whole(out);
     assert!(!checkpoint.exists());
@@ -86,19 +93,20 @@ fn killed_after_a_prune_it_knows_what_it_pruned() {
 
 #[test]
 fn interrupted_it_keeps_a_checkpoint_and_ends_with_130() {
-    for (name, milliseconds) in [("TERM", 50), ("HUP", 90)] {
-        let folder = tempfile::tempdir().unwrap();
-        let out = folder.path();
-        let mut child = start(&mut by("env", &["--default-signal=HUP"], &run(out, &["--checkpoint-every", "0"])));
+    let folder = tempfile::tempdir().unwrap();
+    for (name, milliseconds) in [("HUP", 90), ("TERM", 50)] {
+        let out = folder.path().join(name);
+        let mut child = start(&mut by("env", &["--default-signal=HUP"], &run(&out, &["--checkpoint-every", "0"])));
         child.until(|| out.join("config.toml").exists());
         std::thread::sleep(Duration::from_millis(milliseconds));
         child.signal(name).with(130, &["interrupted"]);
         let reached = at(&out.join("checkpoint.safetensors"));
         println!("{name} after iteration {reached}");
         assert!(reached > 0 && !out.join("model.ply").exists());
-        works(&mut run(out, &["--checkpoint-every", "0", "--resume"]));
-        assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "{name}");
     }
+    let out = folder.path().join("TERM");
+    works(&mut run(&out, &["--checkpoint-every", "0", "--resume"]));
+    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
 }
 
 /// The same command, by way of another program.

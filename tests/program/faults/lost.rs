@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
 
-/// A call number that no command reaches.
+/// A number of submissions that no command reaches.
 const NEVER: u64 = 1 << 40;
 
 /// The command with a fault at call `number`.
@@ -17,9 +17,9 @@ fn with_fault<'a>(command: &'a mut Command, call: &str, number: u64, answer: &st
     command.env("QIRF_DEVICE_FAULT", format!("{call}:{number}:{answer}"))
 }
 
-/// Number of such calls that an undisturbed command makes.
-fn calls(command: &mut Command, call: &str) -> u64 {
-    let said = works(with_fault(command, call, NEVER, "lost").arg("-v")).said;
+/// Number of submissions that an undisturbed command makes.
+fn submissions(command: &mut Command) -> u64 {
+    let said = works(with_fault(command, "submit", NEVER, "lost").arg("-v")).said;
     let counted = said.split("had not yet come after ").nth(1).and_then(|rest| rest.split(' ').next());
     counted.and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("no count: {said}"))
 }
@@ -50,25 +50,25 @@ fn reached(out: &Path) -> &'static str {
 #[test]
 fn lost_at_any_moment_a_run_ends_with_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    let all = ["submit", "wait"].map(|call| calls(&mut run(&folder.path().join(call), &[]), call));
-    println!("submissions and waits: {all:?}");
+    let all = submissions(&mut run(&folder.path().join("all"), &[]));
+    println!("{all} submissions");
     let mut stages = Vec::new();
     for (k, part) in [0.0, 0.25, 0.75, 0.97].into_iter().enumerate() {
-        let (call, all) = [("submit", all[0]), ("wait", all[1])][k % 2];
         let out = folder.path().join(k.to_string());
         let number = 1 + (part * all as f64) as u64;
-        is_lost(end(with_fault(&mut run(&out, &[]), call, number, "lost")));
+        is_lost(end(with_fault(&mut run(&out, &[]), "submit", number, "lost")));
         whole(&out);
         stages.push(reached(&out));
-        println!("{call} {number}: {}", reached(&out));
+        println!("submission {number}: {}", reached(&out));
         if k == 1 {
             // And again some way on.
             is_lost(end(with_fault(&mut run(&out, &["--resume"]), "submit", 1 + all / 6, "lost")));
             whole(&out);
         }
-        works(&mut run(&out, &["--resume"]));
+        let resumed = works(&mut run(&out, &["--resume"]));
+        assert_eq!(resumed.said.contains("no checkpoint yet: starting from the beginning"), k == 0, "{}", resumed.said);
         whole(&out);
-        assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "{call} {number}: other bytes");
+        assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "submission {number}: other bytes");
         assert!(!out.join("checkpoint.safetensors").exists());
     }
     for stage in ["nothing", "a checkpoint", "the first prune", "the evaluation"] {
@@ -113,7 +113,7 @@ fn every_command_tells_of_a_lost_device_and_leaves_files_whole() {
                 assert!(fs::read(path.join(name)).unwrap() == undisturbed(), "{line}: {name} is unchanged");
             }
         }
-        let all = calls(&mut command(), "submit");
+        let all = submissions(&mut command());
         println!("{line}: {all} submissions");
         begin();
         if line.starts_with("compare") {
@@ -144,9 +144,10 @@ fn memory_that_a_call_lacks_is_named_and_the_run_is_resumed() {
         let ended = ended.with(5, &[says, "ran out during queue submit", "fewer Gaussians"]);
         assert_eq!(ended.said.to_lowercase().matches("error").count(), 1, "{}", ended.said);
         whole(&out);
-        works(&mut run(&out, &["--resume"]));
-        assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "{answer}");
     }
+    let out = folder.path().join("device-memory");
+    works(&mut run(&out, &["--resume"]));
+    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
     // The work itself goes on: the program waits for it in another way.
     let out = folder.path().join("wait");
     works(with_fault(&mut run(&out, &[]), "wait", 150, "host-memory"));

@@ -5,8 +5,7 @@
 //! same everywhere; `QIRF_FAULTS=N..N+1 cargo test --test program -- --ignored faults::mutations::worker --nocapture`
 //! repeats it.
 
-use super::mutate::{Rng, mutate};
-use crate::support::files::corpus::{Input, inputs};
+use crate::support::files::corpus::{Input, damaged, inputs};
 use std::collections::BTreeMap;
 use std::fs;
 use std::ops::Range;
@@ -148,28 +147,16 @@ fn worker() {
     assert_eq!(wrong, 0, "cases went wrong");
 }
 
-fn damaged(case: u64, input: &Input, inputs: &[Input]) -> Vec<u8> {
-    let mut rng = Rng::new(case);
-    let other = &inputs[rng.below(inputs.len())];
-    mutate(&mut rng, &input.bytes, &other.bytes)
-}
-
-/// Writes every good file where `cargo fuzz` looks for it: `QIRF_FUZZ_CORPUS/TARGET/NAME`; does nothing if that is not
-/// set.
+/// Writes good files for every input into its folder of seeds, `QIRF_FUZZ_CORPUS/NAME`; does nothing if that is not set.
 #[test]
 #[ignore = "started by make fuzz"]
 fn seeds() {
     let Some(corpus) = std::env::var_os("QIRF_FUZZ_CORPUS") else { return };
-    let targets = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fuzz/targets");
-    for entry in fs::read_dir(targets).unwrap().flatten() {
-        let text = fs::read_to_string(entry.path()).unwrap();
-        let Some((_, name)) = text.split_once("reader!(\"") else { continue };
-        let name = name.split('"').next().unwrap_or_default().to_owned();
-        let folder = Path::new(&corpus).join(entry.path().file_stem().unwrap());
+    let all = inputs();
+    for it in &all {
+        let folder = Path::new(&corpus).join(&it.name);
         fs::create_dir_all(&folder).unwrap();
         // Every file for the same reader is a good seed.
-        let all = inputs();
-        let it = all.iter().find(|i| i.name == name).unwrap_or_else(|| panic!("no input is called {name}"));
         let kin = |i: &&Input| i.file == it.file || (i.beside.is_empty() && same_extension(&i.file, &it.file));
         for (k, input) in all.iter().filter(kin).enumerate() {
             fs::write(folder.join(format!("good-{k}")), &input.bytes).unwrap();

@@ -132,6 +132,10 @@ fn openmvg_is_not_given_subfolders() {
     stage.gives_named(0, &card(&stage));
     end(&mut stage.pose(&["--poses", "openmvg"])).with(2, &["photos has photos in subfolders", "--poses colmap"]);
     assert!(!stage.path("scene").exists());
+    // The faces of panoramas would lie in subfolders.
+    let stage = Stage::new();
+    end(&mut stage.pose(&["--poses", "openmvg", "--panoramas"])).with(2, &["--panoramas", "--poses colmap"]);
+    assert!(!stage.path("scene").exists());
 }
 
 #[test]

@@ -107,40 +107,33 @@ fn without_help_from_colmap_each_camera_is_posed_by_itself_and_that_is_told() {
     end(&mut stage.pose(&["--rig"])).with(2, &["--rig: no folders side by side in photos", "rig_config.json"]);
 }
 
-#[test]
-fn inspect_names_rigs() {
-    let stage = stage(Some(NEW));
-    works(stage.pose(&["--rig"]));
-    fs::write(stage.path("scene/sparse/0/rigs.txt"), "# rigs\n1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0.1 0 0\n2 1 CAMERA 3\n")
-        .unwrap();
-    let (_, told) = works(stage.program(&["inspect", "scene"]));
-    assert!(told.lines().any(|line| line.starts_with("rigs") && line.contains("rig of 2 cameras")), "{told}");
-    fs::write(stage.path("scene/sparse/0/rigs.txt"), "1\n").unwrap();
-    end(&mut stage.program(&["inspect", "scene"])).with(3, &["rigs.txt", "line 1", "number of sensors"]);
-}
-
 /// Panoramas become the photos of a rig of six pinholes at one place.
 #[test]
 fn panoramas_are_posed_as_the_faces_of_a_cube() {
     let stage = Stage::new();
     fs::remove_dir_all(stage.path("photos")).unwrap();
     fs::create_dir_all(stage.path("photos/masks")).unwrap();
-    for i in 0..4 {
+    for name in ["0.png", "1.png", "2.exr", "3.jpe"] {
         // Blue straight down, red to the right, green elsewhere.
         let colour = |x: u32, y: u32| match (x, y) {
             (_, 56..) => [0, 0, 255],
             (80..112, 20..44) => [255, 0, 0],
             _ => [0, 255, 0],
         };
-        image::RgbImage::from_fn(128, 64, |x, y| image::Rgb(colour(x, y)))
-            .save(stage.path(&format!("photos/{i}.png")))
-            .unwrap();
+        let photo = image::DynamicImage::from(image::RgbImage::from_fn(128, 64, |x, y| image::Rgb(colour(x, y))));
+        let path = stage.path("photos").join(name);
+        match name {
+            "2.exr" => photo.to_rgb32f().save(path).unwrap(),
+            "3.jpe" => photo.save_with_format(path, image::ImageFormat::Jpeg).unwrap(),
+            _ => photo.save(path).unwrap(),
+        }
     }
     image::GrayImage::from_fn(128, 64, |_, y| image::Luma([if y > 48 { 0 } else { 255 }]))
         .save(stage.path("photos/masks/2.png"))
         .unwrap();
     let faces = ["back", "down", "front", "left", "right", "up"];
-    let names: Vec<String> = faces.iter().flat_map(|face| (0..4).map(move |i| format!("{face}/{i}.png"))).collect();
+    let kinds = ["0.png", "1.png", "2.exr.png", "3.jpe"];
+    let names: Vec<String> = faces.iter().flat_map(|face| kinds.map(|name| format!("{face}/{name}"))).collect();
     stage.gives_named(0, &names);
     fs::write(stage.path("fake/help"), NEW).unwrap();
     let (_, said) = works(stage.pose(&["--panoramas"]));
@@ -150,7 +143,9 @@ fn panoramas_are_posed_as_the_faces_of_a_cube() {
     assert_eq!(face("images/down/1.png").get_pixel(16, 16).0, [0, 0, 255]);
     assert_eq!(face("images/right/1.png").get_pixel(16, 16).0, [255, 0, 0]);
     assert_eq!(face("images/front/1.png").get_pixel(16, 16).0, [0, 255, 0]);
-    assert_eq!(face("masks/down/2.png").get_pixel(16, 16).0, [0; 3]);
+    assert_eq!(face("masks/down/2.exr.png").get_pixel(16, 16).0, [0; 3]);
+    let jpeg = fs::read(stage.path("scene/images/down/3.jpe")).unwrap();
+    assert_eq!(image::guess_format(&jpeg).unwrap(), image::ImageFormat::Jpeg);
     assert!(!stage.path("scene/images/1.png").exists() && !stage.path("scene/masks/down/1.png").exists());
 
     assert_eq!(commands(&stage)[12..], ["rig_configurator", "exhaustive_matcher", "mapper"]);

@@ -2,6 +2,7 @@
 
 use super::gltf::{self, Layout};
 use super::make::{self, Encoding};
+use super::mutate::{Rng, mutate};
 use super::writers::{Model, picture, row, transforms};
 use image::ImageEncoder;
 use qirf_vk::gaussians::Attributes;
@@ -68,6 +69,13 @@ pub fn inputs() -> Vec<Input> {
     all
 }
 
+/// The bytes of an input with the damage of this case, which may mix in bytes of another input.
+pub fn damaged(case: u64, input: &Input, inputs: &[Input]) -> Vec<u8> {
+    let mut rng = Rng::new(case);
+    let other = &inputs[rng.below(inputs.len())];
+    mutate(&mut rng, &input.bytes, &other.bytes)
+}
+
 fn lone(file: &str, reader: Reader, bytes: Vec<u8>) -> Input {
     Input { name: file.into(), reader, file: file.into(), bytes, beside: Vec::new() }
 }
@@ -90,6 +98,7 @@ pub fn models() -> Vec<Input> {
         ("sparse.glb", gltf::glb(&model, Layout::Sparse)),
         ("quantised.glb", gltf::glb(&model, Layout::Quantised)),
         ("spz.glb", gltf::glb_of_spz(&make::spz(6, 2, 1, true), 6, false)),
+        ("draft.glb", gltf::glb_of_spz(&make::spz(6, 3, 1, true), 6, true)),
         ("data.gltf", gltf::gltf(&model, Layout::Planar, None).0),
         ("a.usda", make::usda(4)),
         ("a.usdz", make::usdz(4)),
@@ -138,29 +147,10 @@ const CAMERA_PATH: &str = r#"{"camera_type": "perspective", "render_width": 320,
     {"camera_to_world": [1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3, 0, 0, 0, 1], "fov": 40},
     {"camera_to_world": [[0, 0, 1, 1], [0, 1, 0, 2], [-1, 0, 0, -3], [0, 0, 0, 1]]}]}"#;
 
-/// rigs.bin with two rigs, of two cameras, one of which has a pose, and of one.
-const RIGS: &[&[u8]] = &[
-    &[2, 0, 0, 0, 0, 0, 0, 0],
-    &[1, 0, 0, 0, 2, 0, 0, 0],
-    &[0; 8],
-    &[0; 8],
-    &[1],
-    &[0; 56],
-    &[2, 0, 0, 0, 1, 0, 0, 0],
-    &[0; 8],
-];
-
 fn colmap() -> Vec<Input> {
     let model = Model::sample();
     let (binary, text) = (model.binary(), model.text());
-    let with = |name: &'static str, rigs: Vec<u8>, mut all: Vec<(&'static str, Vec<u8>)>| {
-        all.push((name, rigs));
-        all
-    };
-    let binary = with("rigs.bin", RIGS.concat(), binary.into());
-    let text =
-        with("rigs.txt", b"# rigs\n1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0.1 0 0\n2 1 CAMERA 3\n".to_vec(), text.into());
-    let names = ["cameras", "images", "points3D", "rigs"];
+    let names = ["cameras", "images", "points3D"];
     let binary = names.map(|n| among("colmap", &format!("{n}.bin"), Reader::Scene, &binary));
     let text = names.map(|n| among("colmap", &format!("{n}.txt"), Reader::Scene, &text));
     binary.into_iter().chain(text).collect()

@@ -3,5 +3,6 @@
 pub mod corpus;
 pub mod gltf;
 pub mod make;
+pub mod mutate;
 pub mod reading;
 pub mod writers;

@@ -13,6 +13,8 @@ use super::super::bytes::u32_at;
 use super::super::fault::{Fault, malformed};
 use super::AGAIN;
 use super::document::{Document, View};
+use crate::percent::percent_decoded;
+use crate::wording::shown;
 
 const JSON: u32 = u32::from_le_bytes(*b"JSON");
 const BINARY: u32 = u32::from_le_bytes(*b"BIN\0");
@@ -117,7 +119,7 @@ fn fetch(uri: &str, length: usize, folder: Option<&Path>, i: usize) -> Result<Ve
             encoded.ok_or_else(|| malformed(&record, format!("a data URI that is not base64; {AGAIN}")))?;
         return BASE64.decode(encoded).map_err(|error| malformed(record, format!("{error} in its base64; {AGAIN}")));
     }
-    let shown: String = uri.chars().take(80).flat_map(char::escape_debug).collect();
+    let shown = shown(uri, 80);
     let name = PathBuf::from(percent_decoded(uri));
     let within = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     if !within || name.as_os_str().is_empty() || uri.contains([':', '\\']) {
@@ -146,20 +148,6 @@ fn fetch(uri: &str, length: usize, folder: Option<&Path>, i: usize) -> Result<Ve
     Ok(content)
 }
 
-/// `%20` and the like replaced; what is no such code stays as it is.
-fn percent_decoded(uri: &str) -> String {
-    let bytes = uri.as_bytes();
-    let mut out = Vec::with_capacity(bytes.len());
-    let mut at = 0;
-    while at < bytes.len() {
-        let code = bytes.get(at + 1..at + 3).and_then(|hex| std::str::from_utf8(hex).ok());
-        let code = code.and_then(|hex| u8::from_str_radix(hex, 16).ok()).filter(|_| bytes[at] == b'%');
-        out.push(code.unwrap_or(bytes[at]));
-        at += if code.is_some() { 3 } else { 1 };
-    }
-    String::from_utf8_lossy(&out).into_owned()
-}
-
 impl<'a> Store<'a> {
     /// A buffer view and its bytes.
     pub(super) fn view(&self, index: usize) -> Result<(&'a View, &[u8]), Fault> {
@@ -184,11 +172,6 @@ impl<'a> Store<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn names_of_files_are_decoded() {
-        assert_eq!(percent_decoded("a%20b%2e%zz%4"), "a b.%zz%4");
-    }
 
     #[test]
     fn no_file_outside_the_folder_is_opened() {

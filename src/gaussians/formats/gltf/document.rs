@@ -12,6 +12,7 @@ use serde_json::value::RawValue;
 
 use super::super::fault::{Fault, malformed};
 use super::AGAIN;
+use crate::wording::shown;
 
 /// Most entries of a list: a short `{}` in the file is a long record in memory.
 const MOST: usize = 1 << 16;
@@ -228,7 +229,7 @@ pub(super) fn parse(json: &[u8]) -> Result<Document<'_>, Fault> {
     let document: Document =
         serde_json::from_slice(json).map_err(|error| malformed("JSON", format!("{error}; {AGAIN}")))?;
     if !document.asset.version.starts_with("2.") {
-        let version: String = document.asset.version.chars().take(20).flat_map(char::escape_debug).collect();
+        let version = shown(&document.asset.version, 20);
         return Err(Fault::Unsupported(format!("glTF version {version}; version 2 is read, export it as that")));
     }
     Ok(document)

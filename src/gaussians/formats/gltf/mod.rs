@@ -18,6 +18,7 @@ use super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert, convert_place};
 use super::fault::{Fault, malformed};
 use super::limit::fits;
 use super::{Format, Gaussians, Parsed};
+use crate::wording::shown;
 pub(super) use write::write;
 
 /// Name of the extension, and prefix of its attributes.
@@ -72,7 +73,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
         }
     }
     if let Some(other) = document.required.iter().find(|name| !KNOWN.contains(&name.as_ref())) {
-        let shown: String = other.chars().take(60).flat_map(char::escape_debug).collect();
+        let shown = shown(other, 60);
         tag.doubt = Some(format!("the file requires {shown}, which is not known; the Gaussians are read without it"));
     }
     if !found && !document.used.iter().any(|name| name == EXTENSION) {

@@ -8,6 +8,7 @@ use super::container::Store;
 use super::document::Primitive;
 use super::{AGAIN, EXTENSION, TAG};
 use crate::gaussians::MAX_SH_DEGREE;
+use crate::wording::shown;
 use serde_json::value::RawValue;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -41,13 +42,12 @@ pub(super) fn read(
     if let Some(mode) = primitive.extras.and_then(tag_in) {
         tag.comment(&[&format!("{TAG}:"), &mode]);
     }
-    let shown = |text: &str| -> String { text.chars().take(40).flat_map(char::escape_debug).collect() };
     match splats.color_space.as_deref() {
         None | Some("srgb_rec709_display") => {}
-        Some(other) => tag.doubt = Some(format!("its colours are {}; they are drawn as sRGB", shown(other))),
+        Some(other) => tag.doubt = Some(format!("its colours are {}; they are drawn as sRGB", shown(other, 40))),
     }
     if let Some(other) = splats.kernel.as_deref().filter(|kernel| *kernel != "ellipse") {
-        tag.doubt = Some(format!("its kernel is {}; it is drawn as Gaussians", shown(other)));
+        tag.doubt = Some(format!("its kernel is {}; it is drawn as Gaussians", shown(other, 40)));
     }
     attributes(store, primitive, record).map(Some)
 }

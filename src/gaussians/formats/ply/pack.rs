@@ -7,8 +7,9 @@ use rayon::prelude::*;
 use super::super::bytes::{SH_C0, to_smallest_three};
 use super::super::{Gaussians, RenderMode};
 use super::compressed::{CHUNK, LIMITS, PACKED, SH_RANGE};
-use super::write::begin;
+use super::write::{above_band_0, begin};
 use crate::gaussians::opacity;
+use crate::gaussians::order::z_order;
 
 /// Log-scales beyond this, of infinite or vanishing size, would spoil the others of their chunk.
 const SCALE_LIMIT: f32 = 20.0;
@@ -43,14 +44,9 @@ pub(in super::super) fn write(
         out.write_all(words)?;
     }
     let mut row = Vec::with_capacity(rest);
-    for &i in order.iter().filter(|_| rest > 0) {
+    for i in order.iter().filter(|_| rest > 0) {
         row.clear();
-        for channel in 0..3 {
-            for (l, band) in model.sh.iter().enumerate().skip(1) {
-                let width = Gaussians::band_width(l);
-                row.extend(band[i * width..(i + 1) * width].iter().skip(channel).step_by(3).map(|&c| sh_byte(c)));
-            }
-        }
+        row.extend(above_band_0(model, *i as usize).map(sh_byte));
         out.write_all(&row)?;
     }
     Ok(())
@@ -90,9 +86,9 @@ fn ranged(model: &Gaussians, i: usize) -> [f32; 9] {
 }
 
 /// The limits of a chunk, and its Gaussians' packed words.
-fn pack(model: &Gaussians, chunk: &[usize]) -> (Range, Vec<u8>) {
+fn pack(model: &Gaussians, chunk: &[u32]) -> (Range, Vec<u8>) {
     let mut range = Range { low: [f32::INFINITY; 9], high: [f32::NEG_INFINITY; 9] };
-    for &i in chunk {
+    for i in chunk.iter().map(|i| *i as usize) {
         for (k, value) in ranged(model, i).into_iter().enumerate().filter(|(_, value)| value.is_finite()) {
             range.low[k] = range.low[k].min(value);
             range.high[k] = range.high[k].max(value);
@@ -104,7 +100,7 @@ fn pack(model: &Gaussians, chunk: &[usize]) -> (Range, Vec<u8>) {
         }
     }
     let mut words = Vec::with_capacity(16 * chunk.len());
-    for &i in chunk {
+    for i in chunk.iter().map(|i| *i as usize) {
         let values = ranged(model, i);
         let share = |k: usize| {
             let span = f64::from(range.high[k]) - f64::from(range.low[k]);
@@ -134,20 +130,4 @@ fn rotation(q: [f32; 4]) -> u32 {
 /// The bucket of a coefficient, of 256 over the range.
 fn sh_byte(value: f32) -> u8 {
     ((value / SH_RANGE + 0.5) * 256.0).clamp(0.0, 255.0) as u8
-}
-
-/// The Gaussians along a Z-order curve through the box of their centres.
-fn z_order(model: &Gaussians) -> Vec<usize> {
-    let (low, high) = model.bounds().unwrap_or_default();
-    let key = |i: usize| -> u64 {
-        let steps = [0, 1, 2].map(|axis: usize| {
-            let span = f64::from(high[axis]) - f64::from(low[axis]);
-            let share = (f64::from(model.means[i][axis]) - f64::from(low[axis])) / span;
-            u64::from(units(share, 21))
-        });
-        (0..21).fold(0, |key, bit| (0..3).fold(key, |key, axis| key | (steps[axis] >> bit & 1) << (3 * bit + axis)))
-    };
-    let mut order: Vec<(u64, usize)> = (0..model.len()).into_par_iter().map(|i| (key(i), i)).collect();
-    order.par_sort_unstable();
-    order.into_iter().map(|(_, i)| i).collect()
 }

@@ -25,12 +25,7 @@ pub(in super::super) fn write(
         model.means[i].into_iter().for_each(&mut push);
         [0.0; 3].into_iter().for_each(&mut push);
         model.sh[0][3 * i..3 * i + 3].iter().copied().for_each(&mut push);
-        for channel in 0..3 {
-            for (l, band) in model.sh.iter().enumerate().skip(1) {
-                let width = Gaussians::band_width(l);
-                band[i * width..(i + 1) * width].iter().skip(channel).step_by(3).copied().for_each(&mut push);
-            }
-        }
+        above_band_0(model, i).for_each(&mut push);
         push(model.opacity_logits[i]);
         model.log_scales[i].into_iter().for_each(&mut push);
         model.rotations[i].into_iter().for_each(&mut push);
@@ -40,6 +35,16 @@ pub(in super::super) fn write(
         }
     }
     out.write_all(&block)
+}
+
+/// The spherical harmonics of Gaussian `i` above band 0: all of red, then those of green and of blue.
+pub(super) fn above_band_0(model: &Gaussians, i: usize) -> impl Iterator<Item = f32> {
+    (0..3).flat_map(move |channel| {
+        model.sh.iter().enumerate().skip(1).flat_map(move |(l, band)| {
+            let width = Gaussians::band_width(l);
+            band[i * width..(i + 1) * width].iter().skip(channel).step_by(3).copied()
+        })
+    })
 }
 
 /// The lines of every header before its elements.

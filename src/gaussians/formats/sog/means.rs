@@ -6,6 +6,7 @@
 use super::super::Gaussians;
 use super::super::fault::Fault;
 use super::super::weight::{size, weight};
+use crate::gaussians::order::spread;
 use crate::scene::median;
 use rayon::prelude::*;
 
@@ -98,12 +99,11 @@ impl Means {
     /// The Gaussians along a Z-order curve, whose cells are cubes after the logarithm.
     pub fn order(&self, model: &Gaussians) -> Vec<u32> {
         let finest = self.axes.iter().fold(f64::INFINITY, |finest, axis| axis.step.min(finest));
-        let spread = |word: u32| (0..16).fold(0_u64, |key, bit| key | u64::from(word >> bit & 1) << (3 * bit));
         let key = |i: &u32| {
             let steps = self.steps(model.means[*i as usize]);
             let [x, y, z] = [0, 1, 2].map(|a| {
                 let cubes = f64::from(steps[a]) * (self.axes[a].step / finest);
-                spread(cubes.clamp(0.0, GREATEST) as u32)
+                spread(cubes.clamp(0.0, GREATEST) as u64)
             });
             (x | y << 1 | z << 2, *i)
         };

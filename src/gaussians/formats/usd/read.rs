@@ -9,6 +9,7 @@ use super::scan::Scan;
 use super::transform::Transform;
 use super::{AGAIN, Fault, Format, Gaussians, PRIM, Parsed, TAG, Tag, malformed};
 use crate::gaussians::MAX_SH_DEGREE;
+use crate::wording::shown;
 
 /// Deepest nesting of prims.
 const DEEPEST: usize = 1000;
@@ -219,8 +220,7 @@ impl Reader<'_> {
 
 /// The Gaussians of a prim, in the layer's axes.
 fn gaussians(arrays: Arrays, name: &str) -> Result<Gaussians, Fault> {
-    let shown: String = name.chars().take(40).flat_map(char::escape_debug).collect();
-    let record = format!("prim {shown}");
+    let record = format!("prim {}", shown(name, 40));
     let need = |values: Option<Vec<f32>>, what: &str| {
         values.ok_or_else(|| {
             malformed(&record, format!("has no {what} of its own, only perhaps in time samples; {AGAIN}"))

@@ -33,68 +33,60 @@ struct Named {
     name: &'static str,
     about: &'static str,
     base: Base,
-    takes: &'static [Suffix],
+    /// The suffixes that it takes; `None` for all.
+    takes: Option<&'static [Suffix]>,
 }
 
-const ALL: &[Suffix] = &{
-    let mut all = [Suffix::Budget; Suffix::ALL.len()];
-    let mut k = 0;
-    while k < all.len() {
-        all[k] = Suffix::ALL[k].0;
-        k += 1;
-    }
-    all
-};
 const PROCESS: &[Suffix] = &[Suffix::Rewarm, Suffix::Thresholds, Suffix::Share];
 /// Pairs are merged over the whole model: without budget or detail safeguard.
 const PAIRS: &[Suffix] = &[Suffix::Attrition, Suffix::Twice, Suffix::Rewarm, Suffix::Thresholds, Suffix::Share];
 
 const NAMED: [Named; 9] = [
-    Named { name: "default", about: "the pruning that the other options describe", base: Base::Given, takes: ALL },
-    Named { name: "paper", about: "the pruning of the QIRF paper", base: Base::Paper, takes: ALL },
+    Named { name: "default", about: "the pruning that the other options describe", base: Base::Given, takes: None },
+    Named { name: "paper", about: "the pruning of the QIRF paper", base: Base::Paper, takes: None },
     // Natural selection: pressure on opacities, the rest cut by opacity.
     Named {
         name: "gns",
         about: "opacity:global-detail+attrition",
         base: Base::Other("opacity:global-detail+attrition", TWICE),
-        takes: PROCESS,
+        takes: Some(PROCESS),
     },
     // GaussianPOP: the change of the pictures if one Gaussian is removed, in two cuts.
     Named {
         name: "pop",
         about: "change:global-detail in two cuts",
         base: Base::Other("change:global-detail+twice", [15.0 / 30.0, 20.0 / 30.0]),
-        takes: PROCESS,
+        takes: Some(PROCESS),
     },
     Named {
         name: "dense",
         about: "not pruned; dense+thresholds grows as the 3DGS reference does",
         base: Base::NotPruned(|_| Grown::Together),
-        takes: &[Suffix::Thresholds],
+        takes: Some(&[Suffix::Thresholds]),
     },
     Named {
         name: "grown",
         about: "not pruned, grown only to the number that the others keep",
         base: Base::NotPruned(Grown::To),
-        takes: &[Suffix::Share],
+        takes: Some(&[Suffix::Share]),
     },
     Named {
         name: "mcmc",
         about: "the same, grown by relocation as in 3DGS-MCMC",
         base: Base::NotPruned(Grown::Relocating),
-        takes: &[Suffix::Share],
+        takes: Some(&[Suffix::Share]),
     },
     Named {
         name: "compact3dgs",
         about: "trained from the beginning with learnt masks, by a threshold",
         base: Base::NotPruned(|keep| Grown::Masked(MaskMethod::Compact3dgs, keep)),
-        takes: &[Suffix::Share],
+        takes: Some(&[Suffix::Share]),
     },
     Named {
         name: "maskgaussian",
         about: "the same, with randomly drawn masks",
         base: Base::NotPruned(|keep| Grown::Masked(MaskMethod::MaskGaussian, keep)),
-        takes: &[Suffix::Share],
+        takes: Some(&[Suffix::Share]),
     },
 ];
 
@@ -103,7 +95,7 @@ pub fn help() -> String {
     let mut text = format!(
         "An arm is a selector's name, followed by any of {}, in any order; +twice prunes at 16/30 and 24/30 of the run. Other arms \
          are:",
-        Suffix::list(ALL)
+        Suffix::list(None)
     );
     for Named { name, about, .. } in NAMED {
         text += &format!("\n  {name:<13} {about}");
@@ -152,10 +144,10 @@ impl Arm {
         let named = NAMED.into_iter().find(|row| row.name == name);
         let takes = match &named {
             Some(row) => row.takes,
-            None if name == Selector::Pairs.to_string() => PAIRS,
-            None => ALL,
+            None if name == Selector::Pairs.name() => Some(PAIRS),
+            None => None,
         };
-        if suffixes.given.iter().any(|suffix| !takes.contains(suffix)) {
+        if takes.is_some_and(|takes| suffixes.given.iter().any(|suffix| !takes.contains(suffix))) {
             return Err(format!("'{text}': {name} takes only {}", Suffix::list(takes)));
         }
         let keep = suffixes.share.map_or(given.compression.keep, Keep::Share);

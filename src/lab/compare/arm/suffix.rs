@@ -28,10 +28,10 @@ impl Suffix {
         (Self::Share, "@", "@SHARE"),
     ];
 
-    /// Names of suffixes, as a list in a sentence.
-    pub fn list(suffixes: &[Self]) -> String {
-        let named = |s: &Self| Self::ALL.iter().find(|row| row.0 == *s).map_or("", |row| row.2);
-        let names: Vec<&str> = suffixes.iter().map(named).collect();
+    /// Names of some suffixes, or of all, as a list in a sentence.
+    pub fn list(some: Option<&[Self]>) -> String {
+        let rows = Self::ALL.iter().filter(|row| some.is_none_or(|some| some.contains(&row.0)));
+        let names: Vec<&str> = rows.map(|row| row.2).collect();
         match names.split_last() {
             Some((last, [])) => (*last).to_owned(),
             Some((last, before)) => format!("{} and {last}", before.join(", ")),
@@ -62,8 +62,7 @@ impl Suffixes {
         let mut found = Self::default();
         while !rest.is_empty() {
             let Some((suffix, begin, shown)) = Suffix::ALL.into_iter().find(|row| rest.starts_with(row.1)) else {
-                let all = Suffix::ALL.map(|row| row.0);
-                return Err(format!("'{text}': '{rest}' is no suffix of an arm; there are {}", Suffix::list(&all)));
+                return Err(format!("'{text}': '{rest}' is no suffix of an arm; there are {}", Suffix::list(None)));
             };
             rest = &rest[begin.len()..];
             if matches!(suffix, Suffix::Budget | Suffix::Share) {
@@ -85,10 +84,9 @@ impl Suffixes {
             self.share = Some(share.ok_or("write a share such as 0.2 after @")?);
             return Ok(());
         }
-        let budgets = [("per-block", Budget::PerBlock), ("hybrid", Budget::Hybrid), ("global", Budget::Global)];
-        let budget = budgets.into_iter().find(|(name, _)| *name == value);
+        let budget = Budget::ALL.into_iter().find(|budget| budget.name() == value);
         let wrong = || format!("there is no budget '{value}'; choose per-block, hybrid or global");
-        self.budget = Some(budget.ok_or_else(wrong)?.1);
+        self.budget = Some(budget.ok_or_else(wrong)?);
         Ok(())
     }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec2;
 
 use super::super::files;
-use super::{CameraFault, Cameras, ImageRow, Mark, PointRow, cameras_of, model_of};
+use super::{Cameras, ImageRow, Mark, PointRow, cameras_of, model_of};
 use crate::scene::Error;
 use crate::scene::lens::Lens;
 
@@ -75,19 +75,19 @@ impl<'a> Cursor<'a> {
 
 /// Reads a file of records, called `what` in messages, of at least `size` bytes each: the count, the records, nothing
 /// after.
-fn records<T, F: From<String>>(
+fn records<T>(
     path: &Path,
     what: &str,
     size: usize,
-    fault: impl Fn(F, String) -> Error,
-    mut read: impl FnMut(&mut Cursor, &mut Vec<T>) -> Result<(), F>,
+    read: impl Fn(&mut Cursor) -> Result<T, String>,
 ) -> Result<Vec<T>, Error> {
     let bytes = files::read(path)?;
     let mut cursor = Cursor { all: &bytes, at: 0 };
     let count = cursor.count(size).map_err(|e| Error::malformed(path, "the count at its start", e))?;
     let mut rows = Vec::with_capacity(count);
     for i in 0..count {
-        read(&mut cursor, &mut rows).map_err(|e| fault(e, format!("{what} {} of {count}", i + 1)))?;
+        let row = read(&mut cursor);
+        rows.push(row.map_err(|e| Error::malformed(path, format!("{what} {} of {count}", i + 1), e))?);
     }
     if cursor.at < bytes.len() {
         let what = format!("{} bytes follow the last of {count} entries: the count is wrong", bytes.len() - cursor.at);
@@ -98,73 +98,32 @@ fn records<T, F: From<String>>(
 
 /// cameras.bin.
 pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
-    let read = records::<(u32, Result<Lens, String>), CameraFault>(
-        path,
-        "camera",
-        24 + 16, // EQUIRECTANGULAR has the fewest parameters, 2
-        |f, r| f.at(path, r),
-        |cursor, rows| {
-            let id = cursor.u32()?;
-            let model = model_of(cursor.u32()? as i32)?;
-            let (width, height) = (cursor.u64()?, cursor.u64()?);
-            let parameters = cursor.take(8 * model.parameters())?.as_chunks::<8>().0;
-            let parameters: Vec<f64> = parameters.iter().map(|b| f64::from_le_bytes(*b)).collect();
-            rows.push((id, Lens::from_colmap(model, width, height, &parameters)));
-            Ok(())
-        },
-    )?;
+    const LEAST: usize = 24 + 2 * 8; // EQUIRECTANGULAR has the fewest parameters, 2
+    let read = records(path, "camera", LEAST, |cursor| {
+        let id = cursor.u32()?;
+        let model = model_of(cursor.u32()? as i32)?;
+        let (width, height) = (cursor.u64()?, cursor.u64()?);
+        let parameters = cursor.take(8 * model.parameters())?.as_chunks::<8>().0;
+        let parameters: Vec<f64> = parameters.iter().map(|b| f64::from_le_bytes(*b)).collect();
+        Ok((id, Lens::from_colmap(model, width, height, &parameters)))
+    })?;
     let count = read.len();
     let record = |number: usize| format!("camera {number} of {count}");
     cameras_of(path, read.into_iter().zip(1..).map(|((id, lens), number)| (record(number), id, lens)))
 }
 
-/// COLMAP's number of sensors that are cameras.
-const CAMERA: u32 = 0;
-
-/// rigs.bin: the number of cameras of each rig. How they stand to each other is in the images' poses, too.
-pub(super) fn rigs(path: &Path) -> Result<Vec<usize>, Error> {
-    records::<_, String>(
-        path,
-        "rig",
-        8,
-        |what, r| Error::malformed(path, r, what),
-        |cursor, rows| {
-            let _id = cursor.u32()?;
-            let sensors = cursor.u32()?;
-            let mut cameras = 0;
-            for sensor in 0..sensors {
-                cameras += usize::from(cursor.u32()? == CAMERA);
-                let _id = cursor.u32()?;
-                // The first has no pose.
-                if sensor > 0 && cursor.array::<1>()? != [0] {
-                    cursor.take(7 * 8)?;
-                }
-            }
-            rows.push(cameras);
-            Ok(())
-        },
-    )
-}
-
 /// images.bin; its 2D points are kept if `marks` is set.
 pub(super) fn images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
-    records::<_, String>(
-        path,
-        "image",
-        74,
-        |what, r| Error::malformed(path, r, what),
-        |cursor, rows| {
-            let id = cursor.u32()?;
-            let (quaternion, translation) = (cursor.f64s()?, cursor.f64s()?);
-            let camera_id = cursor.u32()?;
-            let name = cursor.name()?;
-            let points = cursor.count(24)?;
-            let points = cursor.take(24 * points)?.as_chunks::<24>().0;
-            let marks = points.iter().filter(|_| marks).filter_map(mark).collect();
-            rows.push(ImageRow { id, quaternion, translation, camera_id, name, marks });
-            Ok(())
-        },
-    )
+    records(path, "image", 74, |cursor| {
+        let id = cursor.u32()?;
+        let (quaternion, translation) = (cursor.f64s()?, cursor.f64s()?);
+        let camera_id = cursor.u32()?;
+        let name = cursor.name()?;
+        let points = cursor.count(24)?;
+        let points = cursor.take(24 * points)?.as_chunks::<24>().0;
+        let marks = points.iter().filter(|_| marks).filter_map(mark).collect();
+        Ok(ImageRow { id, quaternion, translation, camera_id, name, marks })
+    })
 }
 
 /// A 2D point, if it names a point of the world: others have -1.
@@ -176,21 +135,14 @@ fn mark(bytes: &[u8; 24]) -> Option<Mark> {
 
 /// points3D.bin.
 pub(super) fn points(path: &Path) -> Result<Vec<PointRow>, Error> {
-    records::<_, String>(
-        path,
-        "point",
-        51,
-        |what, r| Error::malformed(path, r, what),
-        |cursor, rows| {
-            let id = cursor.u64()?;
-            let position = cursor.f64s()?;
-            let colour = cursor.array()?;
-            let [error] = cursor.f64s()?;
-            let seen = cursor.count(8)?;
-            let track = cursor.take(8 * seen)?.as_chunks::<8>().0; // image id, index of the 2D point
-            let track = track.iter().map(|&[a, b, c, d, ..]| u32::from_le_bytes([a, b, c, d])).collect();
-            rows.push(PointRow { id, position, colour, error, track });
-            Ok(())
-        },
-    )
+    records(path, "point", 51, |cursor| {
+        let id = cursor.u64()?;
+        let position = cursor.f64s()?;
+        let colour = cursor.array()?;
+        let [error] = cursor.f64s()?;
+        let seen = cursor.count(8)?;
+        let track = cursor.take(8 * seen)?.as_chunks::<8>().0; // image id, index of the 2D point
+        let track = track.iter().map(|&[a, b, c, d, ..]| u32::from_le_bytes([a, b, c, d])).collect();
+        Ok(PointRow { id, position, colour, error, track })
+    })
 }

@@ -14,10 +14,10 @@ use super::masks::Masks;
 use super::names;
 use super::notes::no_lens;
 use super::tree::photo_folders;
-use super::{ListedPoint, ListedView, Listing, clouds, files, pose};
+use super::{Listing, clouds, files, pose};
 use crate::scene::lens::{Lens, LensModel};
-use crate::scene::view::Role;
-use crate::scene::{Error, Names, OpenOptions, SceneKind, Skipped, median};
+use crate::scene::view::{Role, View};
+use crate::scene::{Error, Names, OpenOptions, Point, SceneKind, Skipped, median};
 use crate::wording::counted;
 
 /// Cameras by COLMAP's ids; the fault of one that cannot be used counts only where an image has it.
@@ -73,27 +73,10 @@ fn read_images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
     read_part(path, |path| binary::images(path, marks), |path| text::images(path, marks))
 }
 
-/// The numbers of cameras of a model's rigs that have several: COLMAP 3.12 and later write them.
-///
-/// # Errors
-/// A file of rigs that is damaged.
-pub fn rigs(model: &Path) -> Result<Vec<usize>, Error> {
-    let [binary, text] = ["rigs.bin", "rigs.txt"].map(|name| model.join(name));
-    let all = match (binary.is_file(), text.is_file()) {
-        (true, _) => binary::rigs(&binary)?,
-        (false, true) => text::rigs(&text)?,
-        (false, false) => Vec::new(),
-    };
-    Ok(all.into_iter().filter(|cameras| *cameras > 1).collect())
-}
-
 /// The models in `sparse` itself and in its subfolders, or, if there are none, one level deeper.
 pub(super) fn models(sparse: &Path) -> Vec<PathBuf> {
-    let inner = |folder: &Path| {
-        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect::<Vec<_>>()
-    };
-    let folders = inner(sparse);
+    let inner = |folder: &Path| files::inside(folder).into_iter().filter(|path| path.is_dir());
+    let folders: Vec<PathBuf> = inner(sparse).collect();
     let all = folders.iter().cloned().chain([sparse.to_owned()]);
     let models: Vec<PathBuf> = all.filter(|path| is_model(path)).collect();
     if models.is_empty() {
@@ -172,19 +155,8 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             false => Role::Train,
         };
         let (name, image) = photos.find(row.name);
-        views.push(ListedView {
-            id: row.id,
-            image,
-            mask: None,
-            depth: None,
-            depth_step: None,
-            misfit,
-            name,
-            lens,
-            camera_id: row.camera_id,
-            pose,
-            role,
-        });
+        let view = View { image, misfit, camera_id: row.camera_id, role, ..View::new(name, lens, pose) };
+        views.push((row.id, view));
     }
     if let Some(Err(error)) = fault.and_then(|id| cameras.remove(&id)) {
         if views.is_empty() {
@@ -192,15 +164,15 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
         }
         skipped.notes.push(no_lens(&faulty, &error));
     }
-    let masks = Masks::of(&root, &images, views.iter().map(|view| view.name.as_str()));
-    for view in &mut views {
+    let masks = Masks::of(&root, &images, views.iter().map(|(_, view)| view.name.as_str()));
+    for (_, view) in &mut views {
         view.mask = masks.find(&view.name);
     }
     skipped.notes.extend(masks.doubt());
     skipped.notes.extend(elsewhere(&root, &images, options));
     let point = |row: PointRow| {
         let (position, error) = (DVec3::from_array(row.position), row.error as f32);
-        ListedPoint { position, normal: None, colour: row.colour, error, track: row.track }
+        Point { position, normal: None, colour: row.colour, error, track: row.track }
     };
     let mut points = clouds::usable(points.into_iter().map(point).collect(), &mut skipped);
     if points.is_empty() {
@@ -352,30 +324,7 @@ fn cameras_of(path: &Path, read: impl Iterator<Item = (String, u32, Result<Lens,
     Ok(cameras)
 }
 
-/// A fault of a camera's record.
-enum CameraFault {
-    Model(String),
-    Other(String),
-}
-
-impl CameraFault {
-    fn at(self, path: &Path, record: String) -> Error {
-        match self {
-            Self::Model(model) => {
-                Error::UnknownModel { path: path.to_owned(), record, model, known: LensModel::names() }
-            }
-            Self::Other(what) => Error::malformed(path, record, what),
-        }
-    }
-}
-
-impl From<String> for CameraFault {
-    fn from(what: String) -> Self {
-        Self::Other(what)
-    }
-}
-
 /// The model with COLMAP's number; the fault names the models that the engine lacks.
-fn model_of(id: i32) -> Result<LensModel, CameraFault> {
-    LensModel::from_id(id).ok_or_else(|| CameraFault::Model(format!("number {id}")))
+fn model_of(id: i32) -> Result<LensModel, String> {
+    LensModel::from_id(id).ok_or_else(|| LensModel::unsupported(&format!("number {id}"), LensModel::ALL))
 }

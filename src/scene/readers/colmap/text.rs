@@ -6,7 +6,7 @@ use std::str::FromStr;
 use glam::DVec2;
 
 use super::super::files;
-use super::{CameraFault, Cameras, ImageRow, Mark, PointRow, cameras_of};
+use super::{Cameras, ImageRow, Mark, PointRow, cameras_of};
 use crate::scene::Error;
 use crate::scene::lens::{Lens, LensModel};
 
@@ -56,19 +56,6 @@ fn is_record(line: &str) -> bool {
     !line.trim().is_empty() && !line.trim_start().starts_with('#')
 }
 
-/// rigs.txt: the number of cameras of each rig.
-pub(super) fn rigs(path: &Path) -> Result<Vec<usize>, Error> {
-    let text = files::read_text(path)?;
-    let rig = |line: &str| -> Result<usize, String> {
-        let mut fields = Fields::new(line);
-        let _id: u32 = fields.value("id")?;
-        let sensors: usize = fields.value("number of sensors")?;
-        Ok(sensors.saturating_sub(line.split_whitespace().filter(|word| *word == "IMU").count()))
-    };
-    let read = |(number, line)| rig(line).map_err(|what| Error::malformed(path, format!("line {number}"), what));
-    lines(&text).map(read).collect()
-}
-
 /// cameras.txt.
 pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
     let text = files::read_text(path)?;
@@ -76,7 +63,7 @@ pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
         let record = format!("line {number}");
         match camera(line) {
             Ok((id, lens)) => Ok((record, id, lens)),
-            Err(fault) => Err(fault.at(path, record)),
+            Err(what) => Err(Error::malformed(path, record, what)),
         }
     };
     let read: Vec<_> = lines(&text).map(read).collect::<Result<_, Error>>()?;
@@ -84,11 +71,12 @@ pub(super) fn cameras(path: &Path) -> Result<Cameras, Error> {
 }
 
 /// A camera's id, and its lens or what is wrong with that.
-fn camera(line: &str) -> Result<(u32, Result<Lens, String>), CameraFault> {
+fn camera(line: &str) -> Result<(u32, Result<Lens, String>), String> {
     let mut fields = Fields::new(line);
     let id = fields.value("camera id")?;
     let name = fields.word("model")?;
-    let model = LensModel::from_name(&name.to_uppercase()).ok_or_else(|| CameraFault::Model(name.to_owned()))?;
+    let model = LensModel::from_name(&name.to_uppercase());
+    let model = model.ok_or_else(|| LensModel::unsupported(name, LensModel::ALL))?;
     let (width, height) = (fields.value("width")?, fields.value("height")?);
     let mut parameters = Vec::with_capacity(model.parameters());
     while !fields.rest.is_empty() {

@@ -29,9 +29,9 @@ pub(super) fn fields<'de, T: Deserialize<'de>>(object: &'de Value) -> Result<T, 
     serde_path_to_error::deserialize(object).map_err(|e| e.to_string())
 }
 
-/// A text, if there is one: writers in Python give NaN for an absent one.
+/// A text, if there is one: for an absent one, writers in Python give NaN, and others an empty one.
 pub(super) fn text<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
-    Ok(Option::<String>::deserialize(deserializer)?.filter(|text| text != "NaN"))
+    Ok(Option::<String>::deserialize(deserializer)?.filter(|text| !matches!(text.as_str(), "" | "NaN")))
 }
 
 /// A field whose null says nothing.
@@ -42,16 +42,9 @@ pub(super) fn or_default<'de, T: Default + Deserialize<'de>, D: Deserializer<'de
 }
 
 impl Frame {
-    /// The rows of its matrix, of which there are at least three; they may also be given one after another. NaN stands for
-    /// what is no number.
-    pub fn rows(&self) -> Option<Vec<Vec<f64>>> {
-        let numbers = |list: &Vec<Value>| list.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect::<Vec<f64>>();
-        let list = self.transform_matrix.as_array().or_else(|| self.transform_matrix_start.as_array())?;
-        let rows: Vec<Vec<f64>> = match list.len() {
-            12 | 16 => numbers(list).chunks(4).map(<[f64]>::to_vec).collect(),
-            _ => list.iter().map(|row| row.as_array().map(numbers)).collect::<Option<_>>()?,
-        };
-        (rows.len() >= 3 && rows.iter().all(|row| row.len() == 4)).then_some(rows)
+    /// The matrix of its pose.
+    pub fn matrix(&self) -> &Value {
+        if self.transform_matrix.is_array() { &self.transform_matrix } else { &self.transform_matrix_start }
     }
 }
 

@@ -56,17 +56,6 @@ const UNNAMED: [LensModel; 6] = [
     LensModel::Eucm,
 ];
 
-/// The names of the models that these files can give, for messages.
-pub(super) fn models() -> String {
-    let named = LensModel::ALL.into_iter().filter(|model| !UNNAMED.contains(model));
-    named.map(LensModel::name).collect::<Vec<_>>().join(", ")
-}
-
-pub(super) enum LensFault {
-    Model(String),
-    Other(String),
-}
-
 impl Intrinsics {
     /// The intrinsics that a file or a frame gives, under the usual names.
     pub fn of(json: &Value) -> Result<Self, String> {
@@ -146,27 +135,31 @@ impl Intrinsics {
         self.is_fisheye == Some(true) && named.is_some_and(straight)
     }
 
-    pub fn lens(&self, width: u32, height: u32) -> Result<Lens, LensFault> {
-        let model = match self.camera_model.as_deref() {
-            None if self.is_fisheye == Some(true) => LensModel::OpenCvFisheye,
-            None => LensModel::OpenCv,
-            Some(name) => match name.to_uppercase().as_str() {
-                "PERSPECTIVE" => LensModel::OpenCv,
-                upper => match LensModel::from_name(upper) {
-                    Some(model) if !UNNAMED.contains(&model) => model,
-                    _ => return Err(LensFault::Model(name.to_owned())),
-                },
-            },
+    /// The model of the lens; the fault names the models that these files can give.
+    pub fn model(&self) -> Result<LensModel, String> {
+        let Some(name) = self.camera_model.as_deref() else {
+            return Ok(if self.is_fisheye == Some(true) { LensModel::OpenCvFisheye } else { LensModel::OpenCv });
         };
+        let upper = name.to_uppercase();
+        if upper == "PERSPECTIVE" {
+            return Ok(LensModel::OpenCv);
+        }
+        let known = LensModel::ALL.into_iter().filter(|model| !UNNAMED.contains(model));
+        let found = known.clone().find(|model| model.name() == upper);
+        found.ok_or_else(|| LensModel::unsupported(name, known))
+    }
+
+    /// The lens of this model on a photo of `width` x `height` pixels; the fault is a sentence.
+    pub fn lens(&self, model: LensModel, width: u32, height: u32) -> Result<Lens, String> {
         if let Some(other) = self.distortion_params.as_ref().filter(|numbers| !matches!(numbers.len(), 0 | 6)) {
             let (count, names) = (other.len(), "k1, k2, k3, k4, p1 and p2");
             let what =
                 format!("its distortion_params has {count} numbers, not the six {names}: write them under these names");
-            return Err(LensFault::Other(what));
+            return Err(what);
         }
         if model == LensModel::Equirectangular {
             // All directions, whatever focal length is given.
-            return Lens::panorama(width.into(), height.into()).map_err(LensFault::Other);
+            return Lens::panorama(width.into(), height.into());
         }
         let curve = if model.is_fisheye() { Curve::Angle } else { Curve::Straight };
         let k = [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6].map(|k| k.unwrap_or(0.0));
@@ -180,8 +173,7 @@ impl Intrinsics {
         let size = DVec2::new(f64::from(width), f64::from(height));
         for angle in [self.camera_angle_x, self.camera_angle_y].into_iter().flatten() {
             if !(angle > 0.0 && angle < PI) {
-                let what = format!("its camera_angle {angle} is no angle of view in radians; is it in degrees?");
-                return Err(LensFault::Other(what));
+                return Err(format!("its camera_angle {angle} is no angle of view in radians; is it in degrees?"));
             }
         }
         let from_angle = |extent: f64, angle: f64| 0.5 * extent / (0.5 * angle).tan();
@@ -191,19 +183,18 @@ impl Intrinsics {
             _ => fx,
         });
         let (Some(fx), Some(fy)) = (fx.or(fy), fy) else {
-            return Err(LensFault::Other("gives neither fl_x nor camera_angle_x; add one".to_owned()));
+            return Err("gives neither fl_x nor camera_angle_x; add one".to_owned());
         };
         for (name, focal, side, of) in [("fl_x", self.fl_x, width, "w"), ("fl_y", self.fl_y, height, "h")] {
             if let Some(focal) = focal.filter(|focal| *focal > 0.0 && *focal < SHARE * f64::from(side)) {
-                return Err(LensFault::Other(format!(
+                return Err(format!(
                     "its {name} {focal} is no focal length in pixels of a photo of {width} x {height}: multiply shares of \
                      the photo's size by {of}"
-                )));
+                ));
             }
         }
         let principal = DVec2::new(self.cx.unwrap_or(0.5 * size.x), self.cy.unwrap_or(0.5 * size.y));
         let model = if distortion == Distortion::default() { LensModel::Pinhole } else { model };
-        let lens = Lens { model, width, height, focal: DVec2::new(fx, fy), principal, distortion };
-        lens.checked().map_err(LensFault::Other)
+        Lens { model, width, height, focal: DVec2::new(fx, fy), principal, distortion }.checked()
     }
 }

@@ -21,13 +21,13 @@ use super::names::tidy;
 use super::notes::no_lens;
 use super::repeated::no_split;
 use super::tree::reduction;
-use super::{ListedView, Listing, clouds, files, point_ply, pose};
+use super::{Listing, clouds, files, point_ply, pose};
 use crate::scene::lens::Lens;
-use crate::scene::view::Role;
+use crate::scene::view::{Role, View};
 use crate::scene::{Error, Names, OpenOptions, SceneKind, Skipped};
 use crate::wording::counted;
 use fields::{Frame, Whole, fields, name_of, without_nan};
-use intrinsics::{Intrinsics, LensFault};
+use intrinsics::Intrinsics;
 
 /// Difference of a side from that of eight times its smaller copy.
 const ROUNDED: f64 = 8.0;
@@ -36,7 +36,7 @@ const ROUNDED: f64 = 8.0;
 struct Reader<'a> {
     root: &'a Path,
     images: Option<PathBuf>,
-    views: Vec<ListedView>,
+    views: Vec<View>,
     skipped: Skipped,
     /// The first size found, for views without a size of their own.
     usual_size: Option<(u32, u32)>,
@@ -127,6 +127,7 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     }
     find_masks(root, images.as_deref(), &mut views, &mut skipped);
     let photos = images.is_none().then(|| folder_of(root, &views)).flatten();
+    let views = (0..).zip(views).collect();
     Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped, photos, left_out })
 }
 
@@ -206,7 +207,7 @@ impl Reader<'_> {
             return Ok(());
         }
         self.moving_frames += usize::from(json.get("transform_matrix_end").is_some_and(|end| !end.is_null()));
-        let Some(mut rows) = frame.rows().filter(|_| !name.is_empty()) else {
+        let Some(mut rows) = pose::rows(frame.matrix()).filter(|_| !name.is_empty()) else {
             return Err(wrong(&record, "needs a file_path and a transform_matrix of 4 x 4 numbers".to_owned()));
         };
         pose::divide(&mut rows).map_err(|what| wrong(&record, what))?;
@@ -230,12 +231,10 @@ impl Reader<'_> {
             let what = format!("gives no w and h, and {} is not there to tell; add them", usual.display());
             return Err(wrong(&record, what));
         };
-        let lens = match intrinsics.lens(width, height) {
+        let model = intrinsics.model().map_err(|what| wrong(&record, what))?;
+        let lens = match intrinsics.lens(model, width, height) {
             Ok(lens) => lens,
-            Err(LensFault::Model(model)) => {
-                return Err(Error::UnknownModel { path: path.to_owned(), record, model, known: intrinsics::models() });
-            }
-            Err(LensFault::Other(what)) => {
+            Err(what) => {
                 self.faulty.add(&name);
                 self.left_out.push(usual);
                 self.fault.get_or_insert_with(|| wrong(&record, what));
@@ -250,22 +249,12 @@ impl Reader<'_> {
             return Ok(());
         };
         let camera_id = self.camera_id(&lens);
-        let mask = self.mask(frame.mask_path.as_deref());
-        let depth = self.depth(frame.depth_file_path.as_deref().or(frame.depth_path.as_deref()));
-        let listed = roles.get(&name).copied();
-        self.views.push(ListedView {
-            id: self.views.len() as u32,
-            mask,
-            misfit: None,
-            depth,
-            depth_step: None,
-            image: self.photo(&name, usual),
-            lens,
-            camera_id,
-            pose,
-            role: listed.unwrap_or(role),
-            name,
-        });
+        let (mask, depth) = (frame.mask_path, frame.depth_file_path.or(frame.depth_path));
+        let mask = listed(&mut self.folders, self.root, mask.as_deref(), &mut self.skipped.missing_masks);
+        let depth = listed(&mut self.folders, self.root, depth.as_deref(), &mut self.skipped.missing_depths);
+        let role = roles.get(&name).copied().unwrap_or(role);
+        let image = self.photo(&name, usual);
+        self.views.push(View { image, mask, depth, camera_id, role, ..View::new(name, lens, pose) });
         Ok(())
     }
 
@@ -301,29 +290,6 @@ impl Reader<'_> {
         files::find_photo(&[inner, name, last].map(|n| folder.join(n)))
     }
 
-    /// The mask that a frame lists.
-    fn mask(&mut self, listed: Option<&str>) -> Option<PathBuf> {
-        if let Some(listed) = listed.filter(|listed| !listed.is_empty()) {
-            let mask = self.folders.listed(self.root, listed);
-            if mask.is_file() {
-                return Some(mask);
-            }
-            self.skipped.missing_masks.add(listed);
-        }
-        None
-    }
-
-    /// The depth map that a frame names.
-    fn depth(&mut self, listed: Option<&str>) -> Option<PathBuf> {
-        let listed = listed?;
-        let map = self.folders.listed(self.root, listed);
-        if map.is_file() {
-            return Some(map);
-        }
-        self.skipped.missing_depths.add(listed);
-        None
-    }
-
     /// The number of the physical camera: equal lenses share one.
     fn camera_id(&mut self, lens: &Lens) -> u32 {
         let next = self.camera_ids.len() as u32;
@@ -331,9 +297,20 @@ impl Reader<'_> {
     }
 }
 
+/// The file that a frame lists; if it does not exist, `missing` counts it.
+fn listed(folders: &mut Folders, root: &Path, name: Option<&str>, missing: &mut Names) -> Option<PathBuf> {
+    let name = name?;
+    let file = folders.listed(root, name);
+    if file.is_file() {
+        return Some(file);
+    }
+    missing.add(name);
+    None
+}
+
 /// Finds the masks of views for which none is listed: in the folder of photos that was asked for, otherwise in the capture.
-fn find_masks(root: &Path, images: Option<&Path>, views: &mut [ListedView], skipped: &mut Skipped) {
-    let inner = |view: &ListedView| {
+fn find_masks(root: &Path, images: Option<&Path>, views: &mut [View], skipped: &mut Skipped) {
+    let inner = |view: &View| {
         let found = images.and_then(|images| view.image.strip_prefix(images).ok()).filter(|_| view.image.is_file());
         match (found, images, view.name.split_once('/')) {
             (Some(found), ..) => tidy(&found.to_string_lossy()),
@@ -351,7 +328,7 @@ fn find_masks(root: &Path, images: Option<&Path>, views: &mut [ListedView], skip
 
 /// The innermost folder of a capture that holds all photos of its views, or images if that does; none if it is the capture and no photo lies in it directly,
 /// since what does is something else.
-fn folder_of(root: &Path, views: &[ListedView]) -> Option<PathBuf> {
+fn folder_of(root: &Path, views: &[View]) -> Option<PathBuf> {
     let usual = files::child(root, "images");
     let mut folders = views.iter().filter(|view| view.image.is_file()).filter_map(|view| view.image.parent());
     let Some(first) = folders.clone().next() else { return Some(usual).filter(|usual| usual.is_dir()) };

@@ -1,33 +1,34 @@
 //! Order of Gaussians along a Z-order curve.
 
-use crate::gaussians::Attributes;
-use crate::gaussians::Gaussians;
+use super::{Attributes, Gaussians};
 use rayon::prelude::*;
 
 /// Bits of an axis.
 const BITS: u32 = 21;
 
-/// Indices of the points in the order of a Z-order curve through their bounding box; points at equal places keep their order.
-/// Points that are not finite count as the box's minimum.
-pub(super) fn morton(points: &[[f32; 3]]) -> Vec<u32> {
-    let finite = || points.iter().filter(|p| p.iter().all(|x| x.is_finite()));
-    let low: [f64; 3] = std::array::from_fn(|a| finite().map(|p| f64::from(p[a])).fold(f64::INFINITY, f64::min));
-    let high: [f64; 3] = std::array::from_fn(|a| finite().map(|p| f64::from(p[a])).fold(f64::NEG_INFINITY, f64::max));
+/// Indices of Gaussians in the order of a Z-order curve through the box of their centres; those at equal places keep their
+/// order. Centres that are not finite count as the box's minimum.
+pub(crate) fn z_order(model: &Gaussians) -> Vec<u32> {
+    let (low, high) = model.bounds().unwrap_or_default();
+    let [low, high] = [low, high].map(|corner| corner.map(f64::from));
     let steps = f64::from((1_u32 << BITS) - 1);
-    let key = |point: &[f32; 3]| -> u64 {
+    let key = |mean: &[f32; 3]| -> u64 {
+        if !mean.iter().all(|x| x.is_finite()) {
+            return 0;
+        }
         (0..3).fold(0, |key, a| {
-            let share = (f64::from(point[a]) - low[a]) / (high[a] - low[a]).max(f64::MIN_POSITIVE);
-            // NaN becomes 0.
-            key | spread((share * steps) as u64 & ((1 << BITS) - 1)) << a
+            let share = (f64::from(mean[a]) - low[a]) / (high[a] - low[a]).max(f64::MIN_POSITIVE);
+            key | spread((share * steps) as u64) << a
         })
     };
-    let mut keyed: Vec<(u64, u32)> = points.par_iter().enumerate().map(|(i, p)| (key(p), i as u32)).collect();
+    let mut keyed: Vec<(u64, u32)> =
+        model.means.par_iter().enumerate().map(|(i, mean)| (key(mean), i as u32)).collect();
     keyed.par_sort_unstable();
     keyed.into_par_iter().map(|(_, i)| i).collect()
 }
 
 /// Spreads the lowest 21 bits, with two zeros between neighbours.
-fn spread(x: u64) -> u64 {
+pub(super) fn spread(x: u64) -> u64 {
     let x = (x | x << 32) & 0x001f_0000_0000_ffff;
     let x = (x | x << 16) & 0x001f_0000_ff00_00ff;
     let x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
@@ -36,7 +37,7 @@ fn spread(x: u64) -> u64 {
 }
 
 /// Puts Gaussians in an order: number `order[i]` becomes number i. One attribute is copied at a time.
-pub(super) fn reorder(model: &mut Gaussians, order: &[u32]) {
+pub(crate) fn reorder(model: &mut Gaussians, order: &[u32]) {
     let widths = Attributes::widths(model.degree());
     for (values, width) in model.attributes_mut().zip(widths).into_array() {
         if values.is_empty() || width == 0 {
@@ -52,7 +53,6 @@ pub(super) fn reorder(model: &mut Gaussians, order: &[u32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::edit::Edit;
     use crate::random::Random;
 
     #[test]
@@ -77,13 +77,24 @@ mod tests {
             steps.filter(|s| s.is_finite()).map(f64::sqrt).sum()
         };
         let before = path(&model);
-        assert_eq!(Edit::MortonOrder.apply(&mut model), Ok(None));
+        let order = z_order(&model);
+        reorder(&mut model, &order);
         assert!(path(&model) < 0.4 * before, "{} {before}", path(&model));
         let whole =
             |i: usize| model.opacity_logits[i] == model.means[i][0] && model.sh[1][i * 9 + 4] == model.means[i][1];
         assert_eq!((0..500).filter(|i| whole(*i)).count(), 499);
-        let again = model.clone();
-        Edit::MortonOrder.apply(&mut model).unwrap();
-        assert!(again.opacity_logits == model.opacity_logits, "an order is its own");
+        assert!(z_order(&model).into_iter().eq(0..500), "an order is its own");
+    }
+
+    #[test]
+    fn centres_that_are_not_finite_come_first() {
+        let mut model = Gaussians::zeroed(4, 0);
+        model.means = vec![[1.0; 3], [f32::INFINITY, 9.0, 9.0], [2.0; 3], [9.0, f32::NEG_INFINITY, f32::NAN]];
+        assert_eq!(z_order(&model), [0, 1, 3, 2]);
+        model.means.swap(0, 1);
+        assert_eq!(z_order(&model), [0, 1, 3, 2]);
+        model.means.fill([f32::INFINITY; 3]);
+        assert_eq!(z_order(&model), [0, 1, 2, 3]);
+        assert!(z_order(&Gaussians::default()).is_empty());
     }
 }

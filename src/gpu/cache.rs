@@ -1,0 +1,18 @@
+//! Files in the cache folder.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+/// Writes a file as a whole, in place of an earlier one, and makes its folder. A failure leaves the earlier file.
+pub(super) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let folder = path.parent().unwrap_or(path);
+    std::fs::create_dir_all(folder)?;
+    let mut made = tempfile::Builder::new();
+    // Other users of the folder may read it, as far as the umask allows.
+    #[cfg(unix)]
+    made.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let mut file = made.tempfile_in(folder)?;
+    file.write_all(bytes)?;
+    file.persist(path)?;
+    Ok(())
+}

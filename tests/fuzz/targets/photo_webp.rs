@@ -1,2 +1,0 @@
-#![no_main]
-faults::reader!("photo: images/a.webp");

@@ -1,2 +1,0 @@
-#![no_main]
-faults::reader!("nerfstudio ascii: points.ply");

@@ -1,2 +1,0 @@
-#![no_main]
-faults::reader!("sog 2: means_u.webp");
