@@ -5,6 +5,7 @@ mod support;
 mod program {
     mod attrition;
     mod benchmark;
+    #[cfg(unix)] // as `shard`
     mod blocks;
     mod cli;
     mod compare;

@@ -6,10 +6,9 @@ use crate::fork::detached;
 use crate::model::Model;
 use engine::gaussians::outline::outline;
 use engine::glam::{DMat3, DVec2, DVec3};
-use engine::pipeline::render::near_at;
 use engine::render::Settings;
 use engine::scene::{
-    camera,
+    camera, near_at,
     orbit::{Look, UP},
 };
 use numpy::ndarray::Array2;

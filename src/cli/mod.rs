@@ -204,7 +204,8 @@ pub fn main() -> ExitCode {
     log(&cli.global);
     interrupt::outlive_the_file_size_limit();
     interrupt::end_at_once();
-    match cli.run(&console) {
+    let pool = rayon::ThreadPoolBuilder::new().build_global();
+    match pool.map_err(|e| Error::Threads(e.to_string())).and_then(|()| cli.run(&console)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Error::Print(e)) if e.kind() == io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(e) => {
@@ -292,6 +293,8 @@ fn log(global: &Global) {
     };
     let subscriber = tracing_subscriber::fmt()
         .with_max_level(level)
+        // A log that cannot be written ends no job: internal errors would be printed, and that would panic.
+        .log_internal_errors(false)
         .with_writer(io::stderr)
         .with_ansi(global.color.on(io::stderr().is_terminal()))
         .without_time()

@@ -34,6 +34,9 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
              one before; scenes need texture. `--matching exhaustive` compares more pairs",
         ),
         Error::Picture { .. } => plain("give a smaller --size or --resolution"),
+        Error::Threads(_) => {
+            plain("set RAYON_NUM_THREADS to a smaller number, or raise the limits on processes (ulimit -u, pids.max)")
+        }
         Error::NothingToPose(_) => plain("name the folder that holds the photos"),
         Error::NotOurs(_) => plain("name an empty or new folder with -o"),
         Error::AmongPhotos(_) => plain("name another folder with -o"),

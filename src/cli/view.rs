@@ -38,6 +38,8 @@ const EXAMPLES: &str = "Examples:
 Open the printed address in a browser. To look from another machine, run the viewer with --port 8080, and there \
 `ssh -L 8080:127.0.0.1:8080 SERVER`.";
 
+/// Number of photos that tell what alpha means.
+const SAMPLED: usize = 64;
 /// Timeout for a request before Ctrl-C is checked.
 const PATIENCE: Duration = Duration::from_millis(100);
 
@@ -293,7 +295,8 @@ fn capture(
     let own = if run { selection.resize().map_err(Error::Usage)? } else { Resize::Width(640) };
     let resize = resolution.unwrap_or(own);
     let split = scene.split(selection.eval_every);
-    let views: Vec<_> = scene.views.iter().collect();
+    // Evenly spread: thousands of photos would take longer to decode than to show.
+    let views: Vec<_> = scene.views.iter().step_by(scene.views.len().div_ceil(SAMPLED).max(1)).collect();
     let small = selection.load_options(Resize::Width(THUMBNAIL_WIDTH));
     let alpha_role = alpha_role(&views, &small)?;
     Ok(Capture { scene, resize, split, alpha_role, psnr: HashMap::new() })

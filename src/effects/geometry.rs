@@ -8,6 +8,7 @@ use crate::scene::lens::{Lens, VISIBLE_DISPLACEMENT};
 use crate::scene::{ALPHA_SHARE, AlphaRole, SceneKind, View};
 use crate::wording::counted;
 use glam::DVec3;
+use rayon::prelude::*;
 use std::collections::{BTreeSet, HashSet};
 
 /// Ratio of a point's pixel footprints above which a scene calls for anti-aliasing.
@@ -126,7 +127,7 @@ fn footprint_ratios(set: &TrainingSet<'_>) -> Vec<f64> {
         let enough = footprints.len() >= SEEN_BY.min(set.train.len()).max(2);
         enough.then(|| quantile(&mut footprints, 0.95) / quantile(&mut footprints, 0.05))
     };
-    (0..count).filter_map(ratio).filter(|r| r.is_finite()).collect()
+    (0..count).into_par_iter().filter_map(ratio).filter(|r| r.is_finite()).collect()
 }
 
 /// World units that a pixel covers at a point's depth; `None` if the view does not show the point.

@@ -3,6 +3,7 @@
 use super::error::{During, Error};
 use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_void};
+use std::io::Write;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 static MESSAGES: AtomicUsize = AtomicUsize::new(0);
@@ -140,6 +141,7 @@ unsafe extern "system" fn on_message(
     let text = unsafe { data.as_ref().and_then(|d| d.message_as_c_str()) };
     let text = text.map_or_else(|| "a message without text".into(), |t| t.to_string_lossy());
     MESSAGES.fetch_add(1, Ordering::SeqCst);
-    eprintln!("validation: {text}");
+    // Without a panic if standard error is closed.
+    let _ = writeln!(std::io::stderr(), "validation: {text}");
     vk::FALSE
 }

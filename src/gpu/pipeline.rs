@@ -257,17 +257,20 @@ fn make(
     wanted: &[(Key, &'static Shader)],
 ) -> Vec<(Key, Result<Pipeline, Error>)> {
     let cores = thread::available_parallelism().map_or(1, NonZero::get);
+    let made = |share: &[(Key, &'static Shader)]| -> Vec<_> {
+        share.iter().map(|(key, shader)| (key.clone(), Pipeline::new(logical, cache, shader, &key.1))).collect()
+    };
     thread::scope(|scope| {
-        let threads = wanted.chunks(wanted.len().div_ceil(cores)).map(|share| {
-            scope.spawn(|| {
-                let make = |(key, shader): &(Key, &'static Shader)| {
-                    (key.clone(), Pipeline::new(logical, cache, shader, &key.1))
-                };
-                share.iter().map(make).collect::<Vec<_>>()
-            })
-        });
+        let threads = wanted
+            .chunks(wanted.len().div_ceil(cores))
+            .map(|share| thread::Builder::new().spawn_scoped(scope, || made(share)).map_err(|_| share));
         let threads: Vec<_> = threads.collect();
-        threads.into_iter().flat_map(|t| t.join().unwrap_or_else(|e| resume_unwind(e))).collect()
+        let joined = |thread: Result<thread::ScopedJoinHandle<'_, Vec<_>>, _>| match thread {
+            Ok(thread) => thread.join().unwrap_or_else(|e| resume_unwind(e)),
+            // The system starts no more threads.
+            Err(share) => made(share),
+        };
+        threads.into_iter().flat_map(joined).collect()
     })
 }
 

@@ -64,6 +64,9 @@ pub enum Error {
         /// A change that would make the job fit.
         relief: Relief,
     },
+    /// Threads that the system does not start.
+    #[error("the system starts no more threads: {0}")]
+    Threads(String),
     /// A picture that this machine's own memory cannot hold.
     #[error(
         "a picture of {width} x {height} needs about {} of this machine's memory, which has {}", mebibytes(*needed), mebibytes(*there)

@@ -32,7 +32,7 @@ impl Exit {
             Error::LostPhoto { .. } | Error::ChangedPhoto { .. } | Error::AllHidden(_) => Self::BadInput,
             Error::Program { .. } | Error::FewPoses { .. } | Error::NothingToPose(_) => Self::BadInput,
             Error::Config { .. } | Error::Metrics(_) | Error::Diagnostics { .. } | Error::Study(_) => Self::BadInput,
-            Error::Memory { .. } | Error::Picture { .. } => Self::Resources,
+            Error::Memory { .. } | Error::Picture { .. } | Error::Threads(_) => Self::Resources,
             Error::Write { .. } | Error::Print(_) => Self::Resources,
             Error::SelfTest { .. } | Error::OtherDevice { .. } => Self::Device,
             Error::Interrupted => Self::Interrupted,

@@ -32,6 +32,8 @@ use std::time::Instant;
 
 /// Number of points of the quality curve.
 const CURVE_POINTS: u32 = 8;
+/// Number of held-out views, and of training views, whose PSNR a point is the mean of; thousands would take longer than training.
+const CURVE_VIEWS: usize = 64;
 
 /// A run in progress.
 pub struct ActiveRun<'a> {
@@ -182,17 +184,18 @@ impl<'a> ActiveRun<'a> {
         }
     }
 
-    /// Mean PSNR of the held-out views with the current model, in dB.
+    /// Mean PSNR of the held-out views with the current model, in dB; of [`CURVE_VIEWS`] evenly spread ones if there are more.
     pub fn psnr(&mut self) -> Result<Option<f64>, Error> {
-        let views = self.setup.prepared.test.iter().map(|(_, view)| view);
+        let test = &self.setup.prepared.test;
+        let views = test.iter().step_by(test.len().div_ceil(CURVE_VIEWS).max(1)).map(|(_, view)| view);
         let psnr = self.shown(|evaluator, model| evaluator.psnr(model, views))?;
         Ok(mean(&psnr))
     }
 
-    /// Mean PSNR of as many training views as are held out, evenly spread, with the current model, in dB.
+    /// Mean PSNR of as many training views, evenly spread, with the current model, in dB.
     fn train_psnr(&mut self) -> Result<Option<f64>, Error> {
         let photos = self.trainer.photos().to_vec();
-        let every = photos.len().div_ceil(self.setup.prepared.test.len().max(1)).max(1);
+        let every = photos.len().div_ceil(self.setup.prepared.test.len().clamp(1, CURVE_VIEWS)).max(1);
         let psnr = self.shown(|evaluator, model| evaluator.psnr(model, photos.iter().step_by(every)))?;
         Ok(mean(&psnr).filter(|psnr| psnr.is_finite()))
     }

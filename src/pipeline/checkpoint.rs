@@ -7,7 +7,7 @@ use crate::scene::Names;
 use crate::train::checkpoint::{OWN_NOTES, Snapshot};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
 /// The state of a run besides the trainer's.
@@ -58,7 +58,10 @@ impl RunNotes {
             let what = "since then: the photo, its mask, depth map or camera";
             return (changed.count > 0).then(|| format!("{changed} changed {what}"));
         }
-        let only = |of: &[String], other: &[String]| of.iter().find(|name| !other.contains(name)).cloned();
+        let only = |of: &[String], other: &[String]| {
+            let other: HashSet<&String> = other.iter().collect();
+            of.iter().find(|name| !other.contains(name)).cloned()
+        };
         let (lost, new) = (only(&self.photos, names), only(names, &self.photos));
         let lost = lost.map(|name| format!("; {name} is missing"));
         let new = new.map(|name| format!("; {name} is new"));

@@ -11,22 +11,10 @@ use crate::job::{Error, Stage};
 use crate::render::{Image, Painter, Settings};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Framing, Look};
-use crate::scene::{Resize, Scene, View};
+use crate::scene::{Resize, Scene, View, near_at};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-
-/// Ratio of a model's own near plane to the usual one from which on the own one counts.
-const VERY_LARGE: f32 = 2.5;
-/// Near plane of an orbit's pictures and of virtual views, as a share of the camera's distance.
-const NEAR: f64 = 0.02;
-
-/// The near plane of a camera at this distance from a model, in world units: the usual one unless the model is small, for which
-/// it is nearer, or very large.
-pub fn near_at(usual: f32, distance: f64) -> f32 {
-    let own = (NEAR * distance) as f32;
-    if own > VERY_LARGE * usual { own } else { own.min(usual) }
-}
 
 /// One picture of a model, wherever the model fits.
 pub fn picture(session: &Session<'_>, model: &Gaussians, settings: Settings, camera: &Camera) -> Result<Image, Error> {

@@ -3,7 +3,6 @@
 use super::evaluate::pictures::byte;
 use super::evaluate::rgb;
 use super::pair_capacity;
-use super::render::near_at;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::gpu::{Buffer, Device, Recording};
@@ -13,7 +12,7 @@ use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
 use crate::response::{self, HighPass, Responses, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::Look;
-use crate::scene::{Photo, Pixels};
+use crate::scene::{Photo, Pixels, near_at};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::ops::{Range, RangeInclusive};

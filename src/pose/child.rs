@@ -90,10 +90,10 @@ pub(super) fn run(
     let (send, said) = sync_channel(WAITING);
     if let Some(stdout) = child.0.stdout.take() {
         let send = send.clone();
-        thread::spawn(move || if output == Output::Text { lines(stdout, &send) } else { pictures(stdout, &send) });
+        reader(move || if output == Output::Text { lines(stdout, &send) } else { pictures(stdout, &send) })?;
     }
     if let Some(stderr) = child.0.stderr.take() {
-        thread::spawn(move || lines(stderr, &send));
+        reader(move || lines(stderr, &send))?;
     }
     let (status, last) = follow(&mut child.0, &said, watcher, &mut |piece| {
         if let Said::Line(line) = &piece {
@@ -143,6 +143,11 @@ fn failed(program: &'static str, ended: String, last: String, log: &Path) -> Err
     Error::Program { program, ended, last, log: log.to_owned() }
 }
 
+/// Starts a thread that reads the program's output.
+fn reader(read: impl FnOnce() + Send + 'static) -> Result<(), Error> {
+    thread::Builder::new().spawn(read).map(drop).map_err(|e| Error::Threads(e.to_string()))
+}
+
 /// Sends every line, whatever its encoding.
 fn lines(stream: impl Read, send: &SyncSender<Said>) {
     for line in BufReader::new(stream).split(b'\n').map_while(Result::ok) {
@@ -181,9 +186,10 @@ fn picture(stream: &mut impl BufRead) -> Option<Grey> {
     if header[0] != "P5" || header[3] != "255" {
         return None;
     }
-    let mut pixels = vec![0; width * height];
-    stream.read_exact(&mut pixels).ok()?;
-    Some(Grey { width, pixels })
+    // Memory is taken as pixels come, not as the header promises.
+    let mut pixels = Vec::new();
+    stream.take((width * height) as u64).read_to_end(&mut pixels).ok()?;
+    (pixels.len() == width * height).then_some(Grey { width, pixels })
 }
 
 /// The lines of a file that a program is to read.

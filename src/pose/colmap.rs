@@ -88,14 +88,14 @@ impl Colmap<'_> {
         let lens = lens.map(|lens| lens.map(|v| v.to_string()).join(","));
         let total = folder.photos().len();
         let extractor = self.known("feature_extractor")?;
-        let mut done = 0;
+        let mut done = 0_usize;
         for (number, step) in steps(folder, rig).iter().enumerate() {
             if number >= folder.features() {
                 let list = child::list(folder.work().join("photos.txt"), &step.photos)?;
                 let arguments = extractor.features(folder, (&list, lens.as_deref()), step);
                 self.call(&arguments, &mut |line| {
                     if let Some((n, _)) = counted(line) {
-                        self.watcher.progress(Stage::Features, done + n, total);
+                        self.watcher.progress(Stage::Features, done.saturating_add(n), total);
                     }
                 })?;
                 folder.featured()?;
@@ -314,7 +314,7 @@ fn counted(line: &str) -> Option<(usize, usize)> {
         None => Some((n, of)),
         Some(inner) => {
             let (m, each) = inner?;
-            Some((n.checked_sub(1)? * each + m, of * each))
+            Some((n.checked_sub(1)?.checked_mul(each)?.checked_add(m)?, of.checked_mul(each)?))
         }
     }
 }
@@ -337,7 +337,14 @@ mod tests {
         assert_eq!(counted("Processed file [12/50]"), Some((12, 50)));
         assert_eq!(counted("I2026 08:00:00 99 a.cc:12] Matching image [3/50] in 0.1s"), Some((3, 50)));
         assert_eq!(counted("Matching block [2/5, 1/5] in 3.2s"), Some((6, 25)));
-        for other in ["  Name: a[1].jpg", "Registering image #3 (4)", "[x/2]", "[0/2, 1/2]", "["] {
+        for other in [
+            "[9223372036854775807/9223372036854775807, 2/3]",
+            "  Name: a[1].jpg",
+            "Registering image #3 (4)",
+            "[x/2]",
+            "[0/2, 1/2]",
+            "[",
+        ] {
             assert_eq!(counted(other), None, "{other}");
         }
     }

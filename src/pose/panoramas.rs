@@ -15,7 +15,7 @@ use super::folder::Folder;
 use super::rig::Rig;
 use crate::job::Error;
 use crate::scene::faces::{self, CUBE};
-use crate::scene::{AlphaRole, CameraKind, LoadOptions, Photo, View, load_photos};
+use crate::scene::{AlphaRole, CameraKind, LoadOptions, Photo, View, is_panorama, load_photos};
 
 /// The face that the others are placed by.
 const FRONT: &str = "front";
@@ -32,7 +32,7 @@ fn sizes(folder: &Folder) -> impl Iterator<Item = (u32, u32)> {
 /// The hint for photos that may be panoramas.
 pub(super) fn hint(folder: &Folder) -> Option<&'static str> {
     let mut sizes = sizes(folder).peekable();
-    let all = sizes.peek().is_some() && sizes.all(|(width, height)| width == 2 * height);
+    let all = sizes.peek().is_some() && sizes.all(is_panorama);
     all.then_some("all photos are twice as wide as high: panoramas (360°) need --panoramas")
 }
 

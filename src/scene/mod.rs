@@ -39,11 +39,12 @@ pub use decode::{ALPHA_SHARE, LoadOptions, LoadedPhotos, PhotoMemory, alpha_role
 pub use error::Error;
 pub use exif::CameraKind;
 pub(crate) use median::{median, weighted_quantile};
-pub use near::{ONE_PLACE, USUAL_DISTANCE};
+pub use near::{ONE_PLACE, USUAL_DISTANCE, near_at};
 pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
 pub use readers::{PhotoTree, instead, is_video_name, masks_of, photo_folder, photo_names, read_text};
 pub use skipped::{Names, Skipped};
+pub(crate) use view::is_panorama;
 pub use view::{Resize, Role, View};
 
 /// One view in this many, sorted by name, is held out: the protocol of the 3DGS papers.

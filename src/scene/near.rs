@@ -9,6 +9,8 @@ pub const USUAL_DISTANCE: f64 = 9.2 / 0.2;
 pub const ONE_PLACE: f64 = 5e-3;
 /// Maximum ratio of a scene's own near plane to 3DGS's for which 3DGS's is used, because models are trained with it.
 const USUAL: f64 = 2.5;
+/// Near plane of a camera that looks at a model alone, as a share of its distance.
+const OF_DISTANCE: f64 = 0.02;
 /// Number of views for the depths of points without a track.
 const LOOKS: usize = 20;
 
@@ -17,6 +19,13 @@ pub(super) fn near(size: f64) -> f32 {
     let own = size / USUAL_DISTANCE;
     let usual = f64::from(NEAR);
     if own == 0.0 || (usual / USUAL..=usual * USUAL).contains(&own) { NEAR } else { own as f32 }
+}
+
+/// The near plane of a camera at this distance from a model, in world units: the usual one unless the model is small, for which
+/// it is nearer, or very large.
+pub fn near_at(usual: f32, distance: f64) -> f32 {
+    let own = (OF_DISTANCE * distance) as f32;
+    if own > USUAL as f32 * usual { own } else { own.min(usual) }
 }
 
 impl Scene {

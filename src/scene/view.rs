@@ -101,6 +101,11 @@ pub struct View {
     pub(super) undistorts: bool,
 }
 
+/// True for the size of a whole equirectangular panorama, in pixels.
+pub(crate) fn is_panorama((width, height): (u32, u32)) -> bool {
+    u64::from(width) == 2 * u64::from(height)
+}
+
 impl View {
     /// A view at a pose (world to camera), whose photo is not undistorted.
     pub(super) fn new(name: String, lens: Lens, pose: (DMat3, DVec3)) -> Self {
@@ -152,7 +157,7 @@ impl View {
     /// [`Error::Photo`] for a file that is no picture twice as wide as high.
     pub fn of_panorama(photo: &Path, mask: Option<&Path>) -> Result<Vec<(&'static str, Self)>, Error> {
         let (width, height) = image_size(photo).map_err(|e| Error::io(photo, e))?;
-        if width != 2 * height {
+        if !is_panorama((width, height)) {
             return Err(Error::photo(photo, format!("is {width} x {height}: a panorama is twice as wide as high")));
         }
         let lens = Lens::panorama(width.into(), height.into()).map_err(|what| Error::photo(photo, what))?;

@@ -5,6 +5,7 @@ use crate::scene::camera::Camera;
 use crate::scene::{Point, Scene};
 use crate::train::initialise::{Seed, from_points};
 use glam::{DQuat, DVec2, DVec3};
+use std::collections::HashSet;
 
 /// Half the width of the picture's scene, in its own units: the cameras' extent.
 const EXTENT: f64 = 10.0;
@@ -37,6 +38,8 @@ pub fn model(scene: &Scene, test: &[usize], marked: &[&str]) -> Gaussians {
     let most = (POINT * EXTENT).ln() as f32;
     model.log_scales.iter_mut().flatten().for_each(|scale| *scale = scale.min(most));
     let mut lines = Vec::new();
+    let (test, marked): (HashSet<usize>, HashSet<&str>) =
+        (test.iter().copied().collect(), marked.iter().copied().collect());
     for (v, view) in scene.views.iter().enumerate() {
         let kind = if marked.contains(&view.photo_name()) { 2 } else { usize::from(test.contains(&v)) };
         let corners = pyramid(&view.camera, PYRAMID * extent).map(place);

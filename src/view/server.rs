@@ -18,6 +18,8 @@ const MOST_CONNECTIONS: usize = 32;
 
 /// Time for pages to receive the message that the program ends.
 const FAREWELL: Duration = Duration::from_millis(300);
+/// Time before the next connection is accepted after one could not be.
+const PAUSE: Duration = Duration::from_millis(50);
 
 const PAGE: &str = include_str!("page.html");
 const SCRIPTS: [(&str, &str); 4] = [
@@ -59,7 +61,7 @@ impl Server {
     /// Listens and answers on its own threads.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the address cannot be bound.
+    /// [`Error::Usage`] if the address cannot be bound; [`Error::Threads`].
     pub fn start(options: &ServerOptions, subject: Arc<Subject>, device: &str) -> Result<Self, Error> {
         let wanted = SocketAddr::new(options.host, options.port);
         let refused =
@@ -77,7 +79,8 @@ impl Server {
             connections: AtomicUsize::new(0),
         });
         let serving = Arc::clone(&site);
-        std::thread::spawn(move || accept(&listener, &serving));
+        let accepting = std::thread::Builder::new().spawn(move || accept(&listener, &serving));
+        accepting.map_err(|e| Error::Threads(e.to_string()))?;
         Ok(Self { site, address })
     }
 
@@ -123,17 +126,28 @@ fn accept(listener: &TcpListener, site: &Arc<Site>) {
         if site.requests.closed() {
             return;
         }
-        let Ok(mut stream) = stream else { continue };
+        let Ok(mut stream) = stream else {
+            // Perhaps too many files are open: another connection may close soon.
+            std::thread::sleep(PAUSE);
+            continue;
+        };
         if site.connections.fetch_add(1, Ordering::AcqRel) >= MOST_CONNECTIONS {
             site.connections.fetch_sub(1, Ordering::AcqRel);
             http::say(&mut stream, Status::FULL, "too many connections");
             continue;
         }
-        let site = Arc::clone(site);
-        std::thread::spawn(move || {
-            site.serve(stream);
-            site.connections.fetch_sub(1, Ordering::AcqRel);
-        });
+        let connected = Connected(Arc::clone(site));
+        // A connection for which the system has no thread is closed.
+        let _ = std::thread::Builder::new().spawn(move || connected.0.serve(stream));
+    }
+}
+
+/// A connection that counts until it is dropped.
+struct Connected(Arc<Site>);
+
+impl Drop for Connected {
+    fn drop(&mut self) {
+        self.0.connections.fetch_sub(1, Ordering::AcqRel);
     }
 }
 

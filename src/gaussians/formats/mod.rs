@@ -178,8 +178,11 @@ pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
 /// As [`read_bytes`]; `folder` holds the files that a `.gltf` may name.
 fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded, Error> {
     let extension = extension(name);
+    let bytes = match bytes {
+        [0xef, 0xbb, 0xbf, text @ ..] if ["ply", "usda", "usd", "gltf"].contains(&&*extension) => text,
+        _ => bytes,
+    };
     let parsed = match bytes {
-        [0xef, 0xbb, 0xbf, text @ ..] if ["ply", "usda", "usd", "gltf"].contains(&&*extension) => return read_with(text, name, folder),
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => ply::read(bytes),
         [0x1f, 0x8b, ..] if !spz::is_inside(bytes) => return read_with(&unzipped(bytes, name)?, &name.with_extension(""), folder),
         [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => spz::read(bytes),

@@ -21,11 +21,13 @@ pub fn levels(
     let (views, shown) = Views::load(session, model, config, 0..0)?;
     let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
     drop(shown);
-    let sequence = Sequence::new(model, &responses.scores, (&responses.cameras, responses.dilation), 1);
+    let target = |level: usize| (model.len() as f64 * SHARE.powi(level as i32)).round().max(1.0) as usize;
+    let coarsest = target(count.saturating_sub(1));
+    let sequence = Sequence::new(model, &responses.scores, (&responses.cameras, responses.dilation), coarsest);
     let mut levels = vec![model.clone()];
     while levels.len() < count && levels.last().is_some_and(|finer| finer.len() > 1) {
         session.watcher.unless_stopped()?;
-        let target = (model.len() as f64 * SHARE.powi(levels.len() as i32)).round().max(1.0) as usize;
+        let target = target(levels.len());
         levels.push(sequence.pairs(model, &responses.scores, target).kept());
     }
     Ok(levels)

@@ -148,21 +148,36 @@ fn levels<'a>(images: &Path, name: &'a str) -> Vec<(PathBuf, &'a str)> {
 #[derive(Default)]
 struct Held {
     /// By the folder in which they lie.
-    inside: HashMap<PathBuf, Vec<PathBuf>>,
+    inside: HashMap<PathBuf, Rc<MaskFolders>>,
     read: HashMap<PathBuf, Rc<MaskFolder>>,
+}
+
+/// The mask folders in a folder.
+#[derive(Default)]
+struct MaskFolders {
+    /// The shortest name first.
+    all: Vec<PathBuf>,
+    /// Those named after a folder of photos, by its name in lower case.
+    named: HashMap<String, Vec<PathBuf>>,
 }
 
 impl Held {
     /// The mask folders in a folder.
-    fn inside(&mut self, folder: &Path) -> Vec<PathBuf> {
+    fn inside(&mut self, folder: &Path) -> Rc<MaskFolders> {
         let found = self.inside.entry(folder.to_owned()).or_insert_with(|| {
             let entries = fs::read_dir(folder).into_iter().flatten().flatten();
             let is_mask = |e: &fs::DirEntry| is_mask_folder(&e.file_name().to_string_lossy().to_lowercase());
-            let mut found: Vec<PathBuf> = entries.filter(is_mask).map(|e| e.path()).filter(|p| p.is_dir()).collect();
-            found.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
-            found
+            let mut found = MaskFolders::default();
+            found.all = entries.filter(is_mask).map(|e| e.path()).filter(|p| p.is_dir()).collect();
+            found.all.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+            for path in &found.all {
+                if let Some(images) = named_after(path) {
+                    found.named.entry(images).or_default().push(path.clone());
+                }
+            }
+            Rc::new(found)
         });
-        found.clone()
+        Rc::clone(found)
     }
 
     fn read(&mut self, folder: &Path) -> Rc<MaskFolder> {
@@ -176,12 +191,22 @@ impl Held {
         let name = images.file_name().and_then(|n| n.to_str()).unwrap_or_default();
         let scaled = name.strip_prefix("images").map(|suffix| format!("masks{suffix}"));
         let usual: Vec<PathBuf> = scaled.into_iter().chain(["masks".to_owned()]).map(|m| beside.join(m)).collect();
-        let mut others = [self.inside(beside), self.inside(images)].concat();
-        // Stable: the shortest name first, that beside before that inside.
-        let order = |path: &PathBuf| usual.iter().position(|usual| usual == path).unwrap_or(usize::MAX);
-        others.sort_by_key(|path| (!is_named_after(path, images), order(path)));
-        let all: Vec<Rc<MaskFolder>> = others.iter().map(|folder| self.read(folder)).collect();
-        all.iter().find(|folder| !folder.files.is_empty()).or(all.first()).cloned()
+        // Those beside come before those inside.
+        let there = [self.inside(beside), self.inside(images)];
+        let own = lower(images);
+        let mut named: Vec<&PathBuf> = there.iter().filter_map(|there| there.named.get(&own)).flatten().collect();
+        named.sort_by_key(|path| usual.iter().position(|usual| usual == *path).unwrap_or(usize::MAX)); // stable
+        let usual = usual.iter().filter(|path| path.is_dir());
+        let all = there.iter().flat_map(|there| &there.all);
+        let mut first = None;
+        for path in named.into_iter().chain(usual).chain(all) {
+            let folder = self.read(path);
+            if !folder.files.is_empty() {
+                return Some(folder);
+            }
+            first.get_or_insert(folder);
+        }
+        first
     }
 }
 
@@ -280,7 +305,7 @@ impl FolderMasks {
 
     /// True if the name of the mask folder is that of the photos' folder, so that it is no other's.
     fn is_named(&self) -> bool {
-        self.folder.as_ref().is_some_and(|folder| is_named_after(&folder.path, &self.images))
+        self.folder.as_ref().is_some_and(|folder| named_after(&folder.path) == Some(lower(&self.images)))
     }
 
     /// A note on a mask folder none of whose files belongs to a photo.
@@ -327,13 +352,17 @@ impl Own {
     }
 }
 
-/// True for the mask folder L_mask or masks_L of photos in L.
-fn is_named_after(masks: &Path, images: &Path) -> bool {
-    let lower = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-    let (masks, images) = (lower(masks), lower(images));
+/// The name of a folder of photos, in lower case, whose masks are in this one, if it is called L_mask, masks_L or the like.
+fn named_after(masks: &Path) -> Option<String> {
+    let masks = lower(masks);
     let rest = ["masks_", "mask_"].iter().find_map(|word| masks.strip_prefix(word));
-    let rest = rest.or_else(|| ["_masks", "_mask"].iter().find_map(|word| masks.strip_suffix(word)));
-    !images.is_empty() && rest == Some(images.as_str())
+    let rest = rest.or_else(|| ["_masks", "_mask"].iter().find_map(|word| masks.strip_suffix(word)))?;
+    (!rest.is_empty()).then(|| rest.to_owned())
+}
+
+/// The last part of a path, in lower case.
+fn lower(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
 /// The photos below a folder, by their paths within it.

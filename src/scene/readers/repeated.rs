@@ -53,16 +53,8 @@ pub(super) fn unshare(root: &Path, views: &mut [View]) {
     for (i, view) in views.iter().enumerate().filter(|(_, view)| view.name.contains('/')) {
         twins.entry(names::key(names::last(&view.name))).or_default().push(i);
     }
-    let named = |view: &View| names::folder_key(&view.name);
-    let doubtful = |i: &usize, twins: &[usize]| {
-        let view = &views[*i];
-        let other = |twin: &View| named(twin) != named(view) && (twin.image == view.image || !twin.image.is_file());
-        names::folder_key(&view.image.to_string_lossy()) != named(view) && twins.iter().any(|j| other(&views[*j]))
-    };
     let all = twins.values().filter(|twins| twins.len() > 1);
-    let doubtful: Vec<usize> =
-        all.flat_map(|twins| twins.iter().copied().filter(|i| doubtful(i, twins)).collect::<Vec<_>>()).collect();
-    for i in doubtful {
+    for i in all.flat_map(|twins| doubtful(views, twins)).collect::<Vec<_>>() {
         let view = &mut views[i];
         view.image = view.image.with_file_name(&view.name); // which is not there
     }
@@ -76,4 +68,26 @@ pub(super) fn unshare(root: &Path, views: &mut [View]) {
             view.image = if own.is_file() { root.join(&view.name) } else { own };
         }
     }
+}
+
+/// Those of `twins`, views whose names have the same last part, whose file matches only that part of their name, while another
+/// name claims the same file or has none.
+fn doubtful(views: &[View], twins: &[usize]) -> Vec<usize> {
+    let named: Vec<String> = twins.iter().map(|i| names::folder_key(&views[*i].name)).collect();
+    let mut claims: HashMap<&Path, HashSet<&str>> = HashMap::new();
+    let mut absent = HashSet::new();
+    for (i, name) in twins.iter().zip(&named) {
+        let image = views[*i].image.as_path();
+        claims.entry(image).or_default().insert(name);
+        if !image.is_file() {
+            absent.insert(name.as_str());
+        }
+    }
+    let others = |of: &HashSet<&str>, own: &str| of.len() > usize::from(of.contains(own));
+    let is_doubtful = |(i, own): &(usize, &String)| {
+        let image = &views[*i].image;
+        names::folder_key(&image.to_string_lossy()) != **own
+            && (others(&absent, own) || others(&claims[image.as_path()], own))
+    };
+    twins.iter().copied().zip(&named).filter(is_doubtful).map(|(i, _)| i).collect()
 }

@@ -124,6 +124,9 @@ fn a_byte_order_mark_is_no_part_of_a_text() {
         let of = |bytes: &[u8]| formats::read_bytes(bytes, Path::new(name)).unwrap().gaussians;
         assert_eq!(of(&marked), of(&bytes), "{name}");
     }
+    // A million of them are no text, and end no program.
+    let marks = [0xef, 0xbb, 0xbf].repeat(1_000_000);
+    assert!(formats::read_bytes(&marks, Path::new("model.ply")).is_err());
     // Three bytes of a coordinate are none.
     assert!(formats::read_bytes(&[0xef, 0xbb, 0xbf, 0x40], Path::new("model.splat")).is_err());
     let splat = [[0xef, 0xbb, 0xbf, 0x40].as_slice(), &[0; 8], &[0, 0, 0, 0x3f].repeat(3), &[255; 8]].concat();

@@ -280,6 +280,28 @@ fn device_memory_that_runs_out_comes_back() {
 }
 
 /// Meaningless numbers in a configuration file.
+/// A log that cannot be written ends no job.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_log_is_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut render = program();
+    render
+        .args(["-v", "render", "tools/examples/ring.ply", "--orbit", "1", "--size", "32x24", "-o"])
+        .arg(folder.path());
+    let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    assert!(render.stderr(full).status().unwrap().success());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn threads_that_the_system_refuses_are_told() {
+    let mut inspect = program();
+    inspect.args(["inspect", "tools/examples/ring.ply"]);
+    let mut limited = behind("ulimit -v 1500000 && \"$@\"", &inspect);
+    end(limited.env("RAYON_NUM_THREADS", "5000")).with(5, &["starts no more threads", "RAYON_NUM_THREADS"]);
+}
+
 #[test]
 fn configurations_are_refused_by_field() {
     let folder = tempfile::tempdir().unwrap();

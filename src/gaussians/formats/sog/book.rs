@@ -72,7 +72,8 @@ impl Book {
 
     /// All 256 values, as short as they can be written.
     pub fn json(&self) -> Value {
-        let short = |v: &f64| if v.fract() == 0.0 { json!(*v as i64) } else { json!(v) };
+        let whole = |v: f64| v.fract() == 0.0 && v.abs() < 2_f64.powi(53);
+        let short = |v: &f64| if whole(*v) { json!(*v as i64) } else { json!(v) };
         self.values.iter().map(short).collect()
     }
 }
@@ -123,5 +124,12 @@ mod tests {
         assert_eq!(Book::dense([f32::NAN].into_iter(), 0.1).values, [0.0; 256]);
         let book = Book::equal([-1.25; 3].into_iter(), 0.001);
         assert_eq!(book.values[usize::from(book.byte(-1.25))], -1.25);
+    }
+
+    #[test]
+    fn whole_numbers_of_any_size_are_written_as_they_are() {
+        let values = Book { values: vec![-1e30, -3.0, 0.5, 1e30] }.json();
+        assert_eq!(serde_json::from_value::<Vec<f64>>(values.clone()).unwrap(), [-1e30, -3.0, 0.5, 1e30]);
+        assert!(values.to_string().contains(",-3,0.5,"), "{values}");
     }
 }
