@@ -29,10 +29,12 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         ),
         Error::NoProgram(programs) => Some(install(programs, OS)),
         Error::Program { .. } => plain("run the same command again to resume; if it fails again, read the log"),
-        Error::FewPoses { .. } => plain(
-            "take at least 20 photos while you walk around the scene, each sharp, at one zoom, and showing two thirds of the \
-             one before; scenes need texture. `--matching exhaustive` compares more pairs",
-        ),
+        Error::FewPoses { sequential, .. } => {
+            let photos = "take at least 20 photos while you walk around the scene, each sharp, at one zoom, and showing two thirds of \
+                          the one before; scenes need texture";
+            let pairs = if *sequential { ". `--matching exhaustive` compares more pairs" } else { "" };
+            Some(format!("{photos}{pairs}"))
+        }
         Error::Picture { .. } => plain("give a smaller --size or --resolution"),
         Error::Threads(_) => {
             plain("set RAYON_NUM_THREADS to a smaller number, or raise the limits on processes (ulimit -u, pids.max)")
@@ -270,7 +272,8 @@ fn install(programs: &[&str], system: &str) -> String {
     };
     let mut lines: Vec<&str> = programs.iter().map(line).collect();
     lines.dedup();
-    format!("install it by {}", lines.join(" or "))
+    let which = if lines.len() == 1 { "it" } else { "one" };
+    format!("install {which} by {}", lines.join(" or "))
 }
 
 /// The command that estimates camera poses.
@@ -375,10 +378,10 @@ mod tests {
         says(Error::NoProgram(vec!["colmap", "openmvg-sfm"]), &["apt-get install colmap", "cargo install openmvg-cli"]);
         assert_eq!(install(&["ffmpeg", "ffprobe"], "linux"), "install it by `sudo apt-get install ffmpeg`");
         let all = ["colmap", "openmvg-sfm", "ffmpeg"];
-        let brew = "install it by `brew install colmap` or `cargo install openmvg-cli` or `brew install ffmpeg`";
+        let brew = "install one by `brew install colmap` or `cargo install openmvg-cli` or `brew install ffmpeg`";
         assert_eq!(install(&all, "macos"), brew);
         let there = install(&all, "windows");
         assert!(there.contains("winget") && there.contains("on the PATH") && !there.contains("apt"), "{there}");
-        says(Error::FewPoses { photos: 9, posed: 1 }, &["sharp", "--matching exhaustive"]);
+        says(Error::FewPoses { photos: 9, posed: 1, sequential: true }, &["sharp", "--matching exhaustive"]);
     }
 }

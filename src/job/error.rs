@@ -114,7 +114,12 @@ pub enum Error {
     Program { program: &'static str, ended: String, last: String, log: PathBuf },
     /// Too few photos could be placed.
     #[error("poses were found for {posed} of {photos} photos: too few for a scene")]
-    FewPoses { photos: usize, posed: usize },
+    FewPoses {
+        photos: usize,
+        posed: usize,
+        /// True if not every pair of photos was compared.
+        sequential: bool,
+    },
     /// A file of a divided job that is damaged, or that is not its own.
     #[error("{}: {what}", path.display())]
     Part { path: PathBuf, what: String, task: String },

@@ -184,7 +184,7 @@ impl<'a> ActiveRun<'a> {
         }
     }
 
-    /// Mean PSNR of the held-out views with the current model, in dB; of [`CURVE_VIEWS`] evenly spread ones if there are more.
+    /// Mean PSNR of the held-out views with the current model, in dB; of 64 evenly spread ones if there are more.
     pub fn psnr(&mut self) -> Result<Option<f64>, Error> {
         let test = &self.setup.prepared.test;
         let views = test.iter().step_by(test.len().div_ceil(CURVE_VIEWS).max(1)).map(|(_, view)| view);

@@ -8,10 +8,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-/// Interval of the checks of the watcher, and timeout for the last output of a program that has ended.
+/// Interval of the checks of the watcher.
 const LOOK: Duration = Duration::from_millis(50);
+/// Silence after which a program that has ended says no more, though another that it started holds its pipes open.
+const SILENCE: Duration = Duration::from_secs(3);
 /// Maximum number of unread pieces of output; beyond it the program waits.
 const WAITING: usize = 64;
 
@@ -113,30 +115,42 @@ fn follow(
     each: &mut dyn FnMut(Said) -> Result<(), Error>,
 ) -> Result<(ExitStatus, String), Error> {
     let mut last = String::new();
-    let mut ended = None;
+    let (mut ended, mut heard) = (None, Instant::now());
     loop {
         watcher.unless_stopped()?;
         match said.recv_timeout(LOOK) {
             Ok(piece) => {
                 if let Said::Line(line) = &piece
-                    && line.chars().any(char::is_alphanumeric)
+                    && says_more(line, &last)
                 {
                     line.trim().clone_into(&mut last);
                 }
+                heard = Instant::now();
                 each(piece)?;
             }
-            // A program that it started may hold its pipes open.
-            Err(end) => {
-                if let Some(status) = ended {
+            Err(end) => match ended {
+                Some(status) if end == RecvTimeoutError::Disconnected || heard.elapsed() > SILENCE => {
                     return Ok((status, last));
                 }
-                ended = child.try_wait().ok().flatten();
-                if end == RecvTimeoutError::Disconnected && ended.is_none() {
-                    thread::sleep(LOOK);
+                Some(_) => {}
+                None => {
+                    ended = child.try_wait().ok().flatten();
+                    if ended.is_some() {
+                        heard = Instant::now();
+                    } else if end == RecvTimeoutError::Disconnected {
+                        thread::sleep(LOOK);
+                    }
                 }
-            }
+            },
         }
     }
+}
+
+/// True if a line tells more of why a program failed than an earlier one: the latest does, unless it is a line of a stack or
+/// follows the failed check of one.
+fn says_more(line: &str, earlier: &str) -> bool {
+    let is_stack = |line: &str| line.trim_start().starts_with(['@', '*']);
+    line.chars().any(char::is_alphanumeric) && !is_stack(line) && !earlier.contains("Check failed")
 }
 
 fn failed(program: &'static str, ended: String, last: String, log: &Path) -> Error {

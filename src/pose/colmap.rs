@@ -7,7 +7,8 @@ use super::rig::{self, Rig};
 use super::{Matching, Stage, Watcher};
 use crate::job::Error;
 use crate::job::session::host_bytes;
-use crate::scene::CameraKind;
+use crate::scene::{CameraKind, Names};
+use crate::wording;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -88,19 +89,41 @@ impl Colmap<'_> {
         let lens = lens.map(|lens| lens.map(|v| v.to_string()).join(","));
         let total = folder.photos().len();
         let extractor = self.known("feature_extractor")?;
-        let mut done = 0_usize;
+        let (mut done, mut unread) = (0_usize, Names::default());
+        for name in folder.photos().iter().filter(|name| CameraKind::of(&folder.images().join(name)).is_none()) {
+            unread.add(name);
+        }
         for (number, step) in steps(folder, rig).iter().enumerate() {
             if number >= folder.features() {
                 let list = child::list(folder.work().join("photos.txt"), &step.photos)?;
                 let arguments = extractor.features(folder, (&list, lens.as_deref()), step);
+                let (mut name, before) = (String::new(), unread.count);
                 self.call(&arguments, &mut |line| {
                     if let Some((n, _)) = counted(line) {
                         self.watcher.progress(Stage::Features, done.saturating_add(n), total);
+                    } else if let Some(photo) = line.trim_start().strip_prefix("Name:") {
+                        photo.trim().clone_into(&mut name);
+                    } else if line.contains("ERROR: Failed to read") {
+                        unread.add(&name);
                     }
                 })?;
+                if step.camera.is_none() && unread.count > before {
+                    // Without its first photo a camera is not in the database.
+                    let last = format!("it cannot read {name}: convert this photo to JPEG, or leave it out");
+                    return Err(Error::Program {
+                        program: PROGRAM,
+                        ended: "a photo".to_owned(),
+                        last,
+                        log: self.log.clone(),
+                    });
+                }
                 folder.featured()?;
             }
             done += step.photos.len();
+        }
+        if unread.count > 0 {
+            self.watcher
+                .note(&format!("{} cannot be read and get no pose: {unread}", wording::counted(unread.count, "photo")));
         }
         Ok(())
     }
@@ -127,9 +150,9 @@ impl Colmap<'_> {
         emptied.map_err(|source| Error::Write { path: models, source })?;
         let arguments = self.known("mapper")?.poses(folder, known);
         let total = folder.photos().len();
-        let (mut placed, mut nothing) = (0, false);
+        let (mut placed, mut nothing) = (0, false); // photos of the largest part so far
         let ended = self.call(&arguments, &mut |line| {
-            placed += usize::from(line.contains("Registering image"));
+            placed = placed.max(registered(line));
             nothing |= line.to_lowercase().contains("failed to create sparse model");
             self.watcher.progress(Stage::Poses, placed.min(total - 1), total);
         });
@@ -302,6 +325,12 @@ fn threads() -> String {
     most.clamp(1, cores).to_string()
 }
 
+/// The number of photos in a part with the one that a line says is tried next: `Registering image #7 (9)`.
+fn registered(line: &str) -> usize {
+    let told = line.split_once("Registering image").and_then(|(_, rest)| rest.rsplit_once('(')?.1.split_once(')'));
+    told.and_then(|(n, _)| n.trim().parse().ok()).unwrap_or(0)
+}
+
 /// Progress in brackets: `[3/50]`, or `[2/5, 1/5]`, which counts both.
 fn counted(line: &str) -> Option<(usize, usize)> {
     let inside = line.rsplit_once('[')?.1.split_once(']')?.0;
@@ -337,6 +366,7 @@ mod tests {
         assert_eq!(counted("Processed file [12/50]"), Some((12, 50)));
         assert_eq!(counted("I2026 08:00:00 99 a.cc:12] Matching image [3/50] in 0.1s"), Some((3, 50)));
         assert_eq!(counted("Matching block [2/5, 1/5] in 3.2s"), Some((6, 25)));
+        assert_eq!(["Registering image #7 (9)", "=> Image sees 20 / 30 points"].map(registered), [9, 0]);
         for other in [
             "[9223372036854775807/9223372036854775807, 2/3]",
             "  Name: a[1].jpg",

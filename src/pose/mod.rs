@@ -144,7 +144,7 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
     }
     let photos = folder.photos().len();
     if photos < FEWEST {
-        return Err(Error::FewPoses { photos, posed: 0 });
+        return Err(Error::FewPoses { photos, posed: 0, sequential: false });
     }
     match backend {
         Backend::Openmvg => openmvg::run(&folder, watcher)?,

@@ -18,7 +18,7 @@ const REPROJECTION: f64 = 1.5;
 /// # Errors
 /// [`Error::FewPoses`]; a part that cannot be read, if there is no other; [`Error::Write`].
 pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
-    let photos = folder.photos().len();
+    let (photos, sequential) = (folder.photos().len(), folder.has_matches(Matching::Sequential));
     let mut found = Vec::new();
     models(&folder.models(), &mut found);
     let (mut parts, mut unread) = (Vec::new(), None);
@@ -31,21 +31,31 @@ pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
     // Stable: of equal parts the program's first.
     parts.sort_by_key(|(_, scene)| std::cmp::Reverse(scene.views.len()));
     let Some((best, scene)) = parts.first() else {
-        return Err(unread.map_or(Error::FewPoses { photos, posed: 0 }, Error::from));
+        return Err(unread.map_or(Error::FewPoses { photos, posed: 0, sequential }, Error::from));
     };
     let posed = scene.views.len();
     if posed < FEWEST || (posed as f64) < SHARES.0 * photos as f64 {
-        return Err(Error::FewPoses { photos, posed });
+        return Err(Error::FewPoses { photos, posed, sequential });
     }
     let placed: BTreeSet<&str> = parts.iter().flat_map(|(_, s)| &s.views).map(|view| view.name.as_str()).collect();
     let mut nowhere = Names::default();
     for name in folder.photos().iter().filter(|name| !placed.contains(name.as_str())) {
         nowhere.add(name);
     }
-    let others = parts[1..].iter().map(|(path, scene)| (path.clone(), scene.views.len())).collect();
+    // Parts may share photos: one without a photo of its own is none.
+    let mut taken: BTreeSet<&str> = scene.views.iter().map(|view| view.name.as_str()).collect();
+    let mut others = Vec::new();
+    for (path, scene) in &parts[1..] {
+        let own = scene.views.iter().filter(|view| taken.insert(&view.name)).count();
+        if own > 0 {
+            others.push((path.clone(), own));
+        } else {
+            let _ = fs::remove_dir_all(path);
+        }
+    }
     let mut warnings = doubts(scene, photos);
     let nested = folder.photos().iter().any(|name| name.contains('/'));
-    if parts.len() > 1 && nested && folder.has_matches(Matching::Sequential) {
+    if !others.is_empty() && nested && sequential {
         warnings
             .push("photos of different folders were hardly compared; --matching exhaustive may connect them".into());
     }

@@ -4,11 +4,13 @@ use super::Watcher;
 use super::folder::{Folder, Key};
 use super::rig::{self, Rig};
 use super::video;
+use crate::extension::has_extension;
 use crate::job::Error;
-use crate::scene::{Names, PhotoTree, is_video_name, masks_of};
-use std::fs;
+use crate::scene::{Names, PhotoTree, in_eight_bits, is_video_name, masks_of};
+use image::ImageFormat;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
+use std::{fs, io};
 
 /// True if this is a file with the name of a video.
 pub fn is_video(path: &Path) -> bool {
@@ -104,14 +106,16 @@ impl Source {
         match self {
             Self::Photos { folder: from, tree } => {
                 let mask_of = masks_of(from);
+                let mut names = Vec::with_capacity(tree.names.len());
                 for name in &tree.names {
                     watcher.unless_stopped()?;
-                    link(&from.join(name), &folder.images().join(name))?;
+                    let placed = put(&from.join(name), &folder.images(), name)?;
                     if let Some(mask) = mask_of(name) {
-                        link(&mask, &folder.masks().join(Path::new(name).with_extension("png")))?;
+                        link(&mask, &folder.masks().join(Path::new(&placed).with_extension("png")))?;
                     }
+                    names.push(placed);
                 }
-                Ok(tree.names.clone())
+                Ok(names)
             }
             Self::Video { file, frames } => video::extract(file, *frames, folder, watcher),
         }
@@ -123,6 +127,22 @@ fn stamp(path: &Path) -> std::io::Result<(u64, u64)> {
     let data = fs::metadata(path)?;
     let changed = data.modified()?.duration_since(UNIX_EPOCH).map_or(0, |t| t.as_nanos() as u64);
     Ok((data.len(), changed))
+}
+
+/// Puts a photo into the folder of images, in 8 bits a channel, which every program reads: `a.exr` as `a.exr.png`. Returns its
+/// name there.
+fn put(photo: &Path, images: &Path, name: &str) -> Result<String, Error> {
+    // A damaged photo is told later, by its name.
+    let Ok(Some(image)) = in_eight_bits(photo) else {
+        link(photo, &images.join(name))?;
+        return Ok(name.to_owned());
+    };
+    let name = if has_extension(Path::new(name), &["png"]) { name.to_owned() } else { format!("{name}.png") };
+    let path = images.join(&name);
+    let _ = fs::remove_file(&path); // perhaps a second name of the photo itself
+    let made = path.parent().map_or(Ok(()), fs::create_dir_all);
+    let written = made.and_then(|()| image.save_with_format(&path, ImageFormat::Png).map_err(io::Error::other));
+    written.map(|()| name).map_err(|source| Error::Write { path, source })
 }
 
 /// A second name of a file, or a copy where that is not possible.

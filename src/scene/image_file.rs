@@ -86,6 +86,18 @@ fn too_bright(decoded: &DynamicImage) -> bool {
     }
 }
 
+/// A photo in 8 bits a channel, as it is trained on, if it has more; not every program reads those.
+///
+/// # Errors
+/// As of [`decode`].
+#[cfg(feature = "pose")]
+pub(crate) fn in_eight_bits(path: &Path) -> Result<Option<DynamicImage>, Error> {
+    let is_deep = |kind: &ColorType| kind.bytes_per_pixel() > kind.channel_count();
+    let Some(kind) = color_type(path).filter(is_deep) else { return Ok(None) };
+    let image = DynamicImage::from(to_bytes(decode(path)?));
+    Ok(Some(if kind.has_alpha() { image } else { image.into_rgb8().into() }))
+}
+
 /// The first bytes of a Git LFS pointer, which stands for a file.
 pub(super) const LFS_POINTER: &[u8] = b"version https://git-lfs";
 /// The fault of such a file, and the remedy.

@@ -38,12 +38,15 @@ use crate::wording::counted;
 pub use decode::{ALPHA_SHARE, LoadOptions, LoadedPhotos, PhotoMemory, alpha_role, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
+#[cfg(feature = "pose")]
+pub(crate) use image_file::in_eight_bits;
 pub(crate) use median::{median, weighted_quantile};
 pub use near::{ONE_PLACE, USUAL_DISTANCE, near_at};
 pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
 pub use readers::{PhotoTree, instead, is_video_name, masks_of, photo_folder, photo_names, read_text};
 pub use skipped::{Names, Skipped};
+#[cfg(feature = "pose")]
 pub(crate) use view::is_panorama;
 pub use view::{Resize, Role, View};
 

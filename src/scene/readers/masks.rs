@@ -153,7 +153,6 @@ struct Held {
 }
 
 /// The mask folders in a folder.
-#[derive(Default)]
 struct MaskFolders {
     /// The shortest name first.
     all: Vec<PathBuf>,
@@ -167,15 +166,15 @@ impl Held {
         let found = self.inside.entry(folder.to_owned()).or_insert_with(|| {
             let entries = fs::read_dir(folder).into_iter().flatten().flatten();
             let is_mask = |e: &fs::DirEntry| is_mask_folder(&e.file_name().to_string_lossy().to_lowercase());
-            let mut found = MaskFolders::default();
-            found.all = entries.filter(is_mask).map(|e| e.path()).filter(|p| p.is_dir()).collect();
-            found.all.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
-            for path in &found.all {
+            let mut all: Vec<PathBuf> = entries.filter(is_mask).map(|e| e.path()).filter(|p| p.is_dir()).collect();
+            all.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+            let mut named: HashMap<String, Vec<PathBuf>> = HashMap::new();
+            for path in &all {
                 if let Some(images) = named_after(path) {
-                    found.named.entry(images).or_default().push(path.clone());
+                    named.entry(images).or_default().push(path.clone());
                 }
             }
-            Rc::new(found)
+            Rc::new(MaskFolders { all, named })
         });
         Rc::clone(found)
     }

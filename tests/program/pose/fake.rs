@@ -10,7 +10,10 @@ use tempfile::TempDir;
 
 const SCRIPT: &str = r#"#!/bin/sh
 echo "$*" >> "$FAKE/calls"
-if [ "$2" = -h ]; then cat "$FAKE/help"; exit; fi
+if [ "$2" = -h ]; then
+  if [ -n "$FAKE_LATE" ]; then (sleep 0.3; cat "$FAKE/help") & exit; fi
+  cat "$FAKE/help"; exit
+fi
 command=$1
 if [ "$command" = "$FAKE_AT" ]; then
   if [ "$FAKE_DOES" = hang ]; then
@@ -30,7 +33,9 @@ while [ $# -gt 1 ]; do
   shift
 done
 case $command in
-  feature_extractor) n=0; while read -r name; do n=$((n + 1)); echo "Processed file [$n/9]"; done < "$list" ;;
+  feature_extractor) n=0; while read -r name; do n=$((n + 1)); echo "Processed file [$n/9]"
+    echo "  Name: $name"
+    case $name in *strange*) echo "  ERROR: Failed to read image file format." ;; esac; done < "$list" ;;
   exhaustive_matcher) echo "Matching block [1/1, 1/1]" ;;
   mapper)
     cp -r "$FAKE/models/." "$output"
@@ -123,6 +128,63 @@ pub fn works(mut command: Command) -> (Ended, String) {
     let ended = end(&mut command).with(0, &[]);
     let said = ended.out.clone();
     (ended, said)
+}
+
+/// What a program says last may be read after its end.
+#[test]
+fn late_words_are_heard() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    let mut pose = stage.pose(&[]);
+    pose.env("FAKE_LATE", "1");
+    works(pose);
+    assert!(stage.calls("exhaustive_matcher")[0].contains("--SiftMatching.use_gpu 0"));
+}
+
+#[test]
+fn photos_that_colmap_cannot_read_are_named() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    fs::copy(stage.path("photos/05.png"), stage.path("photos/strange.png")).unwrap();
+    fs::write(stage.path("photos/garbage.png"), "no photo").unwrap();
+    let (ended, said) = works(stage.pose(&[]));
+    assert!(ended.said.contains("2 photos cannot be read and get no pose: garbage.png, strange.png"), "{}", ended.said);
+    assert!(said.contains("12 of 14 photos have poses"), "{said}");
+    // The first photo of a camera: no other could share it.
+    fs::copy(stage.path("photos/05.png"), stage.path("photos/00 strange.png")).unwrap();
+    end(&mut stage.pose(&[])).with(3, &["cannot read 00 strange.png", "leave it out"]);
+}
+
+#[test]
+fn photos_of_many_bits_are_placed_in_eight() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    let deep = |x: u32, y: u32| image::Rgb([(x * 1500) as u16, (y * 2000) as u16, 257]);
+    let photo = image::ImageBuffer::from_fn(40, 30, deep);
+    photo.save(stage.path("photos/03.png")).unwrap();
+    photo.save(stage.path("photos/deep.tif")).unwrap();
+    works(stage.pose(&[]));
+    let images = stage.path("scene/images");
+    for name in ["03.png", "deep.tif.png"] {
+        let placed = image::open(images.join(name)).unwrap();
+        assert_eq!(placed.color(), image::ColorType::Rgb8, "{name}");
+        assert_eq!(placed.to_rgb8(), image::DynamicImage::from(photo.clone()).to_rgb8(), "{name}");
+    }
+    assert!(!images.join("deep.tif").exists());
+    let own = image::open(stage.path("photos/03.png")).unwrap();
+    assert_eq!(own.color(), image::ColorType::Rgb16, "the photo itself stays as it is");
+}
+
+/// COLMAP's models may share photos.
+#[test]
+fn parts_without_a_photo_of_their_own_are_not_told() {
+    let stage = Stage::new();
+    stage.gives(0, 0..9);
+    stage.gives(1, 2..6);
+    stage.gives(2, 7..12);
+    let (_, said) = works(stage.pose(&[]));
+    assert!(said.contains("9 of 12 photos have poses; 3 make a part of their own"), "{said}");
+    assert_eq!(said.matches("part of their own").count(), 1, "{said}");
 }
 
 #[test]
