@@ -49,7 +49,7 @@ pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
         let own = scene.views.iter().filter(|view| taken.insert(&view.name)).count();
         if own > 0 {
             others.push((path.clone(), own));
-        } else {
+        } else if !best.starts_with(path) {
             let _ = fs::remove_dir_all(path);
         }
     }
