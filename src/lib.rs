@@ -80,6 +80,7 @@ pub mod random;
 pub mod reference;
 pub mod render;
 pub mod response;
+mod sample;
 pub mod scene;
 #[cfg(feature = "synth")]
 pub mod synth;

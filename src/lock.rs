@@ -1,8 +1,16 @@
-//! Exclusive locks of files, which the system releases when a process ends, however it ends.
+//! Locks: of values, which a panic elsewhere does not spoil, and of files, which the system releases when a process ends,
+//! however it ends.
 
 use fs4::{FileExt, TryLockError};
 use std::fs::File;
 use std::io;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Locks a mutex, poisoned or not. Poisoning only means that another thread panicked; the guarded values are valid
+/// after every step.
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Result of an attempt to lock a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,7 +26,7 @@ pub enum Attempt {
 /// Tries to lock a file. It must be open for writing: NFS refuses to lock a file that is only open for reading.
 ///
 /// # Errors
-/// Of the system, except those that [`Attempt`] describes.
+/// Errors of the system, except those that [`Attempt`] describes.
 pub fn attempt(file: &File) -> io::Result<Attempt> {
     match FileExt::try_lock(file) {
         Ok(()) => Ok(Attempt::Locked),

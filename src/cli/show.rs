@@ -9,10 +9,11 @@ use crate::gaussians::formats::RenderMode;
 use crate::job::diagnostics::Diagnostics;
 use crate::job::run_log::LogLine;
 use crate::job::{Error, Stage, Watcher};
+use crate::lock::lock;
 use crate::train::Progress;
 use crate::wording::counted;
 use indicatif::ProgressBar;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, OnceLock};
 
 /// Shows a job on the console.
 pub(super) struct Show<'a> {
@@ -61,12 +62,12 @@ impl Bar {
 
     /// Advances the bar of a stage, and removes it when all is done. Another stage, and one that begins anew, gets a bar of its own.
     fn advance(&self, (stage, done, total): Steps, new: impl FnOnce() -> ProgressBar) -> ProgressBar {
-        let mut shown = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut shown = lock(&self.0);
         let (of, bar) = &mut *shown;
         if *of != stage || bar.is_finished() {
             bar.finish_and_clear();
             (*of, *bar) = (stage, new().with_position(done));
-            // What was done before says nothing about the pace; the bar takes note of it with the length.
+            // Steps that were done before do not count for the pace: the bar learns of them by its length, and begins anew.
             bar.set_length(total);
             bar.reset_eta();
         }

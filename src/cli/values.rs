@@ -169,7 +169,7 @@ pub(super) fn seconds(text: &str) -> Result<u64, String> {
 pub(super) struct Names<T> {
     /// The names, each with what it stands for.
     listed: Vec<(PossibleValue, T)>,
-    /// What they are, with its article: "a preset".
+    /// What the names stand for, with its article: "a preset".
     what: &'static str,
 }
 

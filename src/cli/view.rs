@@ -15,6 +15,7 @@ use crate::job::{Error, RunConfig, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::place::place_in;
 use crate::render::Style;
+use crate::sample::evenly;
 use crate::scene::orbit::UP;
 use crate::scene::{Resize, Scene, alpha_role};
 use crate::train::initialise::{Seed, from_points};
@@ -296,7 +297,7 @@ fn capture(
     let resize = resolution.unwrap_or(own);
     let split = scene.split(selection.eval_every);
     // Evenly spread: thousands of photos would take longer to decode than to show.
-    let views: Vec<_> = scene.views.iter().step_by(scene.views.len().div_ceil(SAMPLED).max(1)).collect();
+    let views: Vec<_> = evenly(&scene.views, SAMPLED).collect();
     let small = selection.load_options(Resize::Width(THUMBNAIL_WIDTH));
     let alpha_role = alpha_role(&views, &small)?;
     Ok(Capture { scene, resize, split, alpha_role, psnr: HashMap::new() })

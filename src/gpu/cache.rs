@@ -1,11 +1,12 @@
 //! Files in the cache folder.
 
+use crate::extension::folder_of;
 use std::io::{self, Write};
 use std::path::Path;
 
 /// Writes a file as a whole, in place of an earlier one, and makes its folder. A failure leaves the earlier file.
 pub(super) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let folder = path.parent().unwrap_or(path);
+    let folder = folder_of(path);
     std::fs::create_dir_all(folder)?;
     let mut made = tempfile::Builder::new();
     // Other users of the folder may read it, as far as the umask allows.

@@ -2,7 +2,7 @@
 
 use super::descriptors::{Room, Sets};
 use super::error::{During, Error};
-use super::lock::lock;
+use crate::lock::lock;
 use ash::vk;
 use std::sync::Mutex;
 

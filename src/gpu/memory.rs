@@ -2,7 +2,7 @@
 
 use super::error::Error;
 use super::info::{DeviceInfo, DeviceKind};
-use super::lock::lock;
+use crate::lock::lock;
 use ash::vk;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationError, MemoryLocation};

@@ -17,7 +17,6 @@ mod hazards;
 mod info;
 mod instance;
 mod kernel;
-mod lock;
 mod logical;
 mod memory;
 mod module;

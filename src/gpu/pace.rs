@@ -3,7 +3,7 @@
 //! Some systems reset a driver whose device is at one submission for too long: Windows after 2 s.
 
 use super::info::DeviceKind;
-use super::lock::lock;
+use crate::lock::lock;
 use rustc_hash::FxHashMap;
 use std::sync::Mutex;
 use std::time::Duration;

@@ -1,7 +1,7 @@
 //! A device's queue: submission, waiting, and detection of a lost device.
 
 use super::harness::fault::{Call, Fault, Faults};
-use super::lock::lock;
+use crate::lock::lock;
 use ash::vk;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard};

@@ -22,6 +22,7 @@ use crate::job::session::Session;
 use crate::job::{Error, Silent, Stage};
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
+use crate::sample::evenly;
 use crate::train::loss::Weights;
 use crate::train::method::Cut;
 use crate::train::rates::Rates;
@@ -186,8 +187,7 @@ impl<'a> ActiveRun<'a> {
 
     /// Mean PSNR of the held-out views with the current model, in dB; of 64 evenly spread ones if there are more.
     pub fn psnr(&mut self) -> Result<Option<f64>, Error> {
-        let test = &self.setup.prepared.test;
-        let views = test.iter().step_by(test.len().div_ceil(CURVE_VIEWS).max(1)).map(|(_, view)| view);
+        let views = evenly(&self.setup.prepared.test, CURVE_VIEWS).map(|(_, view)| view);
         let psnr = self.shown(|evaluator, model| evaluator.psnr(model, views))?;
         Ok(mean(&psnr))
     }
@@ -195,8 +195,8 @@ impl<'a> ActiveRun<'a> {
     /// Mean PSNR of as many training views, evenly spread, with the current model, in dB.
     fn train_psnr(&mut self) -> Result<Option<f64>, Error> {
         let photos = self.trainer.photos().to_vec();
-        let every = photos.len().div_ceil(self.setup.prepared.test.len().clamp(1, CURVE_VIEWS)).max(1);
-        let psnr = self.shown(|evaluator, model| evaluator.psnr(model, photos.iter().step_by(every)))?;
+        let most = self.setup.prepared.test.len().clamp(1, CURVE_VIEWS);
+        let psnr = self.shown(|evaluator, model| evaluator.psnr(model, evenly(&photos, most)))?;
         Ok(mean(&psnr).filter(|psnr| psnr.is_finite()))
     }
 

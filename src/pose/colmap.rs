@@ -89,11 +89,9 @@ impl Colmap<'_> {
         let lens = lens.map(|lens| lens.map(|v| v.to_string()).join(","));
         let total = folder.photos().len();
         let extractor = self.known("feature_extractor")?;
-        let (mut done, mut unread) = (0_usize, Names::default());
-        for name in folder.photos().iter().filter(|name| CameraKind::of(&folder.images().join(name)).is_none()) {
-            unread.add(name);
-        }
-        for (number, step) in steps(folder, rig).iter().enumerate() {
+        let (steps, mut unread) = steps(folder, rig);
+        let mut done = 0_usize;
+        for (number, step) in steps.iter().enumerate() {
             if number >= folder.features() {
                 let list = child::list(folder.work().join("photos.txt"), &step.photos)?;
                 let arguments = extractor.features(folder, (&list, lens.as_deref()), step);
@@ -214,12 +212,15 @@ struct Step {
     model: &'static str,
 }
 
-/// The steps of the features. The first photo of a camera puts it into the database, so that the others can share it even
-/// after an interruption.
-fn steps(folder: &Folder, rig: Option<&Rig>) -> Vec<Step> {
-    let mut cameras: Vec<(Kind, Vec<String>)> = Vec::new();
+/// The steps of the features, and the photos whose size cannot be read. The first photo of a camera puts it into the database,
+/// so that the others can share it even after an interruption.
+fn steps(folder: &Folder, rig: Option<&Rig>) -> (Vec<Step>, Names) {
+    let (mut cameras, mut unread): (Vec<(Kind, Vec<String>)>, _) = (Vec::new(), Names::default());
     for name in folder.photos() {
-        let Some(kind) = CameraKind::of(&folder.images().join(name)) else { continue };
+        let Some(kind) = CameraKind::of(&folder.images().join(name)) else {
+            unread.add(name);
+            continue;
+        };
         let of = rig.and_then(|rig| rig.camera_of(name));
         match cameras.iter_mut().find(|((known, other), _)| of == *other && kind.shares(known)) {
             Some((_, photos)) => photos.push(name.clone()),
@@ -231,7 +232,7 @@ fn steps(folder: &Folder, rig: Option<&Rig>) -> Vec<Step> {
         let others = photos.split_off(1);
         [Step { photos, camera: None, model }, Step { photos: others, camera: Some(number), model }]
     });
-    steps.filter(|step| !step.photos.is_empty()).collect()
+    (steps.filter(|step| !step.photos.is_empty()).collect(), unread)
 }
 
 /// The help of a command, which tells the options of this version of COLMAP.

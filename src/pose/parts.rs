@@ -37,11 +37,6 @@ pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
     if posed < FEWEST || (posed as f64) < SHARES.0 * photos as f64 {
         return Err(Error::FewPoses { photos, posed, sequential });
     }
-    let placed: BTreeSet<&str> = parts.iter().flat_map(|(_, s)| &s.views).map(|view| view.name.as_str()).collect();
-    let mut nowhere = Names::default();
-    for name in folder.photos().iter().filter(|name| !placed.contains(name.as_str())) {
-        nowhere.add(name);
-    }
     // Parts may share photos: one without a photo of its own is none.
     let mut taken: BTreeSet<&str> = scene.views.iter().map(|view| view.name.as_str()).collect();
     let mut others = Vec::new();
@@ -52,6 +47,10 @@ pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
         } else if !best.starts_with(path) {
             let _ = fs::remove_dir_all(path);
         }
+    }
+    let mut nowhere = Names::default();
+    for name in folder.photos().iter().filter(|name| !taken.contains(name.as_str())) {
+        nowhere.add(name);
     }
     let mut warnings = doubts(scene, photos);
     let nested = folder.photos().iter().any(|name| name.contains('/'));

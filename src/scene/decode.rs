@@ -5,7 +5,7 @@
 //! [`lens`](super::lens)).
 
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use glam::DVec2;
 use image::ColorType;
@@ -18,6 +18,7 @@ use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
 use super::resample::{MASKED, Raster, area_average, cut, undistort};
 use super::view::{Resize, View};
+use crate::lock::lock;
 use crate::wording::counted;
 
 /// Options of loading photos.
@@ -168,7 +169,7 @@ pub fn load_photos(
 
 /// Tells that one photo more is done.
 fn count(done: &Mutex<usize>, progress: &(dyn Fn(usize) + Sync)) {
-    let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut done = lock(done);
     *done += 1;
     progress(*done);
 }

@@ -2,6 +2,7 @@
 
 use super::{Point, Scene, View};
 use crate::kernels::constants::view::NEAR;
+use crate::sample::evenly;
 
 /// Median depth of the points in a scene of usual size, in near planes: 9.2 where that is 3DGS's 0.2.
 pub const USUAL_DISTANCE: f64 = 9.2 / 0.2;
@@ -52,7 +53,7 @@ impl Scene {
 /// The median depth of the points in the views that see them, or the 10th percentile for panoramas, which see near and far at
 /// once; without points, the median distance of the cameras from their mean.
 pub(super) fn size(views: &[View], points: &[Point]) -> f64 {
-    let few = views.iter().step_by(views.len().div_ceil(LOOKS).max(1));
+    let few = evenly(views, LOOKS);
     let depth = |view: &View, point: &Point| view.camera.depth(point.position);
     let depths = points.iter().flat_map(|point| {
         let seen = point.track.iter().filter_map(|v| views.get(*v as usize));

@@ -2,9 +2,10 @@
 
 use super::{Case, Check, cases};
 use crate::gpu::{self, Device};
+use crate::lock::lock;
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::Mutex;
 use std::sync::mpsc::{self, Receiver, Sender};
-use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 /// Progress of a run of the cases.
@@ -44,7 +45,7 @@ pub fn run<E: From<gpu::Error>>(
         drop(tell);
         let heard = gather(&hear, &mut watch);
         if heard.is_err() {
-            waiting.lock().unwrap_or_else(PoisonError::into_inner).clear();
+            lock(&waiting).clear();
         }
         heard
     })
@@ -54,7 +55,7 @@ pub fn run<E: From<gpu::Error>>(
 /// late, and therefore seldom compile the same kernel at the same time.
 fn work(device: &Device, waiting: &Waiting, from_the_end: bool, tell: &Sender<Step>) {
     loop {
-        let mut cases = waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut cases = lock(waiting);
         let next = if from_the_end { cases.pop_back() } else { cases.pop_front() };
         drop(cases);
         let Some((index, case)) = next else { return };

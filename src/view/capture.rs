@@ -1,6 +1,7 @@
 //! A capture as a model to look at: its points, and a pyramid of lines for each camera.
 
 use crate::gaussians::Gaussians;
+use crate::sample::evenly;
 use crate::scene::camera::Camera;
 use crate::scene::{Point, Scene};
 use crate::train::initialise::{Seed, from_points};
@@ -31,7 +32,7 @@ pub fn model(scene: &Scene, test: &[usize], marked: &[&str]) -> Gaussians {
     let extent = if extent > 0.0 { extent } else { 1.0 };
     let place = |p: DVec3| (p - centre) * (EXTENT / extent);
     let near: Vec<&Point> = scene.points.iter().filter(|point| place(point.position).length() < FAR * EXTENT).collect();
-    let thinned = near.iter().step_by(near.len().div_ceil(POINTS).max(1));
+    let thinned = evenly(&near, POINTS);
     let seeds: Vec<Seed> =
         thinned.map(|point| Seed { position: place(point.position), normal: None, ..Seed::from(*point) }).collect();
     let mut model = from_points(&seeds);

@@ -14,9 +14,10 @@ use crate::gpu::Device;
 use crate::job::diagnostics::Diagnostics;
 use crate::job::run_log::LogLine;
 use crate::job::{Error, Stage, Watcher};
+use crate::lock::lock;
 use crate::train::{Progress, Trainer};
 use serde_json::json;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 /// Share of the time that pictures may take, unless a page requests another.
@@ -79,7 +80,7 @@ impl<'a> Live<'a> {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.state)
     }
 
     /// Takes in the pages' controls; returns false if there are none.

@@ -10,6 +10,7 @@ use crate::kernels::constants::sh::float64::SH_C0;
 use crate::qirf::partition::Partition;
 use crate::random::mix;
 use crate::render::Image;
+use crate::sample::evenly;
 use crate::scene::camera::Camera;
 use glam::DVec3;
 
@@ -44,8 +45,7 @@ pub fn of_degree(device: &Device, model: &Resident, degree: usize) -> Result<Res
 /// Depth of each Gaussian as a share of a scale, as 3 equal numbers, and the scale's ends in world units.
 pub fn depths(means: &[[f32; 3]], camera: &Camera) -> (Vec<f32>, [f64; 2]) {
     let depth = |m: &[f32; 3]| camera.depth(DVec3::from_array(m.map(f64::from)));
-    let mut sample: Vec<f64> =
-        means.iter().step_by(means.len().div_ceil(SAMPLES).max(1)).map(depth).filter(|z| *z > 0.0).collect();
+    let mut sample: Vec<f64> = evenly(means, SAMPLES).map(depth).filter(|z| *z > 0.0).collect();
     sample.sort_by(f64::total_cmp);
     let at = |share: f64| sample.get((share * sample.len() as f64) as usize).or(sample.last()).copied();
     let [near, far] = DEPTHS.map(|share| at(share).unwrap_or(1.0));

@@ -3,6 +3,7 @@
 
 use super::protocol::{Control, Header, Request};
 use crate::job::Error;
+use crate::lock::lock;
 use crate::render::Image;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -52,7 +53,7 @@ pub struct Requests {
 
 impl Requests {
     fn clients(&self) -> MutexGuard<'_, Clients> {
-        self.clients.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.clients)
     }
 
     /// Admits a client; `None` if there are too many.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// Rooms of `src` by floor, the lowest first. A room imports from lower floors only.
 const FLOORS: &[&[&str]] = &[
-    &["checksum", "extension", "lock", "percent", "ply", "random", "solve", "wording"],
+    &["checksum", "extension", "lock", "percent", "ply", "random", "sample", "solve", "wording"],
     &["scene"],
     &["gpu"],
     &["kernels"], // generated from glsl/

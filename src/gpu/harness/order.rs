@@ -4,7 +4,7 @@
 //! works.
 
 use crate::gpu::hazards::Hazard;
-use crate::gpu::lock::lock;
+use crate::lock::lock;
 use crate::random::permutation;
 use std::mem::take;
 use std::str::FromStr;

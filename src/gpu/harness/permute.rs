@@ -3,9 +3,9 @@
 use super::order::{Derived, Disorder, Forget};
 use crate::gpu::context::Context;
 use crate::gpu::hazards::{Barrier, Hazard, Hazards};
-use crate::gpu::lock::lock;
 use crate::gpu::pipeline::Pipeline;
 use crate::gpu::recording::{Command, Recording};
+use crate::lock::lock;
 use std::mem::take;
 use std::sync::Arc;
 

@@ -3,7 +3,7 @@
 //! being dropped.
 
 use crate::gpu::buffer::Storage;
-use crate::gpu::lock::lock;
+use crate::lock::lock;
 use crate::random;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, Weak};

@@ -15,6 +15,7 @@ use crate::pipeline::virtual_views::photo;
 use crate::qirf::pairs::Sequence;
 use crate::render::{Painter, Source};
 use crate::response::Responses;
+use crate::sample::evenly;
 use crate::scene::{Photo, camera};
 use crate::wording::counted;
 use rayon::prelude::*;
@@ -51,8 +52,7 @@ impl<'a> Judge<'a> {
             let photos = views.test.iter().map(|(_, view)| view.clone()).collect();
             return Ok(Self { session, views, photos });
         }
-        let mut photos: Vec<Photo> =
-            views.train.iter().step_by(views.train.len().div_ceil(JUDGES).max(1)).cloned().collect();
+        let mut photos: Vec<Photo> = evenly(&views.train, JUDGES).cloned().collect();
         if views.truth == Truth::OwnPictures {
             let size = camera::largest(photos.iter().map(|view| &view.camera));
             let mut painter = Painter::of(session.device, views.settings, original, size)?;

@@ -10,6 +10,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use crate::effects::{DepthEvidence, DepthWitness};
+use crate::sample::evenly;
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, DepthMap, Names, Photo, Point, Resize, Scene, View, median};
 use crate::wording::counted;
@@ -280,8 +281,7 @@ fn points(v: usize, view: &View, map: &DepthMap, most: usize) -> Vec<Point> {
     let mut places = measured(stride);
     if places.len() < most / 8 {
         // A grid misses most of the few depths of a scanner.
-        let all = measured(1);
-        places = all.iter().copied().step_by(all.len().div_ceil(most).max(1)).collect();
+        places = evenly(&measured(1), most).copied().collect();
     }
     let point = |(x, y): (u32, u32)| {
         let depth = map.at(x, y)?;

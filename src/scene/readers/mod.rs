@@ -137,7 +137,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
         let of_views = point.track.iter().filter_map(|id| numbers.get(id));
         skipped.track_entries += point.track.len() - of_views.clone().count();
         let mut track: Vec<u32> = of_views.flatten().copied().collect();
-        // Of the views that a photo was cut into, those that show it.
+        // A point is seen by those of a photo's cut views that show it.
         track.retain(|v| views[*v as usize].face.is_none() || views[*v as usize].camera.shows(point.position));
         track.sort_unstable();
         track.dedup();

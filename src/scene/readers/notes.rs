@@ -7,6 +7,7 @@ use glam::{DVec2, DVec3};
 
 use super::tree::PhotoTree;
 use super::{Point, View};
+use crate::sample::evenly;
 use crate::scene::lens::Lens;
 use crate::scene::{Error, Names, Skipped, median};
 use crate::wording::counted;
@@ -22,7 +23,7 @@ pub(super) fn unseen(views: &[View], points: &[Point]) -> Option<String> {
     if points.iter().any(|point| !point.track.is_empty()) || points.is_empty() {
         return None;
     }
-    let some = points.iter().step_by(points.len().div_ceil(LOOKED_AT));
+    let some = evenly(points, LOOKED_AT);
     let blind = |view: &&View| view.face.is_none() && !some.clone().any(|point| view.camera.shows(point.position));
     let count = views.iter().filter(blind).count();
     (2 * count > views.len()).then(|| {

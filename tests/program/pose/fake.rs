@@ -130,7 +130,7 @@ pub fn works(mut command: Command) -> (Ended, String) {
     (ended, said)
 }
 
-/// What a program says last may be read after its end.
+/// The last output of a program may arrive after its end.
 #[test]
 fn late_words_are_heard() {
     let stage = Stage::new();
