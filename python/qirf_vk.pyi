@@ -7,7 +7,7 @@ OSErrors for files, MemoryError, DeviceError, KeyboardInterrupt after Ctrl-C, an
 
 from os import PathLike
 from pathlib import Path
-from typing import Any, Callable, Optional, Sequence, Union, overload
+from typing import Any, Callable, Optional, Sequence, Union, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ _OnProgress = Callable[[str, int, int], None]
 class DeviceError(RuntimeError):
     """A device that is missing, unsuitable or lost, or that computes wrong numbers."""
 
+@final
 class Device:
     """A Vulkan device by its index, a part of its name, "uuid:..." or "pci:..."; by default $QIRF_DEVICE, else the best device.
 
@@ -49,6 +50,7 @@ class Device:
     def memory_limit(self) -> int:
         """Bytes that may be used."""
 
+@final
 class Model:
     """A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory. Models can be
     pickled; copies are the model itself.
@@ -179,6 +181,7 @@ def merge(models: Sequence[Model]) -> Model:
     """Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model, unless another one's is
     much nearer to all."""
 
+@final
 class Camera:
     """A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).
 
@@ -221,6 +224,9 @@ class Camera:
     def world_to_camera(self) -> NDArray[np.float64]:
         """The pose, (4, 4)."""
 
+    def __copy__(self) -> Camera: ...
+    def __deepcopy__(self, memo: dict[int, Any]) -> Camera: ...
+
 def orbit(
     model: Model,
     count: int,
@@ -232,6 +238,7 @@ def orbit(
 ) -> list[Camera]:
     """Cameras on a circle around a model, those of `qirf-vk render --orbit`; fov is vertical, elevation above the horizon, in degrees."""
 
+@final
 class Renderer:
     """Draws pictures of one model, in parts if the device cannot hold it.
 
@@ -277,6 +284,7 @@ class Renderer:
         half, infinite where it does not.
         """
 
+@final
 class Run:
     """A finished run."""
 
@@ -388,7 +396,8 @@ def evaluate(
     of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with exposures fitted to
     the photos, as runs with that effect do.
 
-    The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and, if weights are
-    installed, lpips_alex and the like. "ply_bytes" are those of the .ply that the model makes; the record against another model has
-    "schema", "gaussians" with the numbers of "model" and "original", "test" and "views".
+    The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and lpips_vgg,
+    lpips_vgg_normalized and lpips_alex, which are None without weights ($QIRF_LPIPS: a file or folder made by tools/lpips-weights).
+    "ply_bytes" are those of the .ply that the model makes; the record against another model has "schema", "gaussians" with the numbers of
+    "model" and "original", "test" and "views".
     """

@@ -55,10 +55,13 @@ pub fn file_size(text: &str) -> Result<u64, String> {
         "kb" => 1e3,
         "mb" => 1e6,
         "gb" => 1e9,
+        "tb" => 1e12,
         "kib" => 1024.0,
         "mib" => 1048576.0,
         "gib" => 1073741824.0,
-        _ => return Err("write a size with its unit, such as 5MB, 800kB or 4.5MiB".to_owned()),
+        "tib" => 1099511627776.0,
+        "" => return Err("write a size with its unit, such as 5MB, 800kB or 4.5MiB".to_owned()),
+        _ => return Err("write a size with one of the units B, kB, MB, GB, TB, KiB, MiB, GiB and TiB".to_owned()),
     };
     let number =
         number.trim().parse::<f64>().map_err(|_| "write a number with its unit, such as 5MB or 4.5MiB".to_owned())?;

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 use serde::Serialize;
 
-use crate::errors::wrong;
+use crate::errors::{named, wrong};
 
 /// A read-only array over `view`, which keeps `owner` alive.
 ///
@@ -27,7 +27,7 @@ pub unsafe fn borrowed<'py, D: Dimension>(
 pub fn floats(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<usize>, Vec<f32>)> {
     let numpy = object.py().import("numpy")?;
     let array = numpy.call_method1("ascontiguousarray", (object, "float32"));
-    let array = array.map_err(|e| wrong(format!("{name}: {e}")))?;
+    let array = array.map_err(|e| named(name, e, object.py()))?;
     let array: PyReadonlyArrayDyn<'_, f32> = array.extract()?;
     Ok((array.shape().to_vec(), array.as_slice()?.to_vec()))
 }
@@ -49,13 +49,34 @@ pub fn rows<const N: usize>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<V
 /// A float64 matrix of R x C numbers.
 pub fn matrix<const R: usize, const C: usize>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<[[f64; C]; R]> {
     let numpy = object.py().import("numpy")?;
-    let array = numpy.call_method1("ascontiguousarray", (object, "float64"))?;
+    let array = numpy.call_method1("ascontiguousarray", (object, "float64"));
+    let array = array.map_err(|e| named(name, e, object.py()))?;
     let array: PyReadonlyArrayDyn<'_, f64> = array.extract()?;
     if array.shape() != [R, C] {
         return Err(wrong(format!("{name} has the shape {}, and should have ({R}, {C})", tuple(array.shape()))));
     }
     let numbers = array.as_slice()?;
     Ok(std::array::from_fn(|r| std::array::from_fn(|c| numbers[r * C + c])))
+}
+
+/// Three numbers: a place or a direction.
+fn three(object: &Bound<'_, PyAny>, name: &str) -> PyResult<[f64; 3]> {
+    object.extract::<[f64; 3]>().map_err(|e| named(name, e, object.py()))
+}
+
+/// Functions that read an argument of three numbers; each has the argument's name, for its errors.
+macro_rules! vectors {
+    ($($name:ident),*) => {
+        $(pub fn $name(object: &Bound<'_, PyAny>) -> PyResult<[f64; 3]> {
+            super::three(object, stringify!($name))
+        })*
+    };
+}
+
+/// Arguments of three numbers.
+pub mod vector {
+    use pyo3::prelude::*;
+    vectors!(axis, centre, eye, high, low, offset, origin, target, up);
 }
 
 /// A record as Python's dictionaries and lists.

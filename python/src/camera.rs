@@ -1,6 +1,6 @@
 //! Cameras.
 
-use crate::arrays::matrix;
+use crate::arrays::{matrix, vector};
 use crate::errors::{size, views, whole, wrong};
 use crate::fork::detached;
 use crate::model::Model;
@@ -49,9 +49,9 @@ impl Camera {
     #[pyo3(signature = (eye, target=[0.0; 3], *, up=UP.to_array(), fov=40.0, size=(1280, 720), near=None),
         text_signature = "(eye, target=(0.0, 0.0, 0.0), *, up=(0.0, -1.0, 0.0), fov=40.0, size=(1280, 720), near=None)")]
     fn look_at(
-        eye: [f64; 3],
-        target: [f64; 3],
-        up: [f64; 3],
+        #[pyo3(from_py_with = vector::eye)] eye: [f64; 3],
+        #[pyo3(from_py_with = vector::target)] target: [f64; 3],
+        #[pyo3(from_py_with = vector::up)] up: [f64; 3],
         fov: f64,
         #[pyo3(from_py_with = size)] size: (u32, u32),
         near: Option<f32>,
@@ -198,7 +198,7 @@ pub fn orbit(
     #[pyo3(from_py_with = size)] size: (u32, u32),
     fov: f64,
     elevation: f64,
-    up: [f64; 3],
+    #[pyo3(from_py_with = vector::up)] up: [f64; 3],
 ) -> PyResult<Vec<Camera>> {
     let Some(up) = DVec3::from_array(up).try_normalize() else { return Err(wrong("up should be a direction")) };
     if !(fov > 0.0 && fov < 180.0 && elevation.abs() < 90.0) {

@@ -2,7 +2,9 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{self, colour, number, share, some_bytes, some_picture_size, some_whole, warn, whole, wrong};
+use crate::errors::{
+    self, colour, number, share, some_bytes, some_keep, some_picture_size, some_whole, warn, whole, wrong,
+};
 use crate::model::{Model, in_memory};
 use crate::options::read;
 use crate::photos::Photos;
@@ -42,7 +44,7 @@ use std::path::{Path, PathBuf};
 pub fn compress<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
-    keep: Option<f64>,
+    #[pyo3(from_py_with = some_keep)] keep: Option<f64>,
     #[pyo3(from_py_with = some_whole)] count: Option<i64>,
     #[pyo3(from_py_with = some_bytes)] size: Option<u64>,
     psnr: Option<f64>,
@@ -64,6 +66,9 @@ pub fn compress<'py>(
     on_progress: Option<Py<PyAny>>,
 ) -> PyResult<(Model, Bound<'py, PyAny>)> {
     let model = model.get();
+    if model.inner.is_empty() {
+        return Err(wrong("the model has no Gaussian"));
+    }
     let (fine_tune, seed) = (number("fine_tune", fine_tune, 0)?, number("seed", seed, 0)?);
     let style = model.style(antialias, dilation, depth_order)?;
     let mut config = CompressConfig { style, fine_tune, seed, ..CompressConfig::default() };
@@ -127,10 +132,10 @@ fn compressed(
         formats::check_output(output).map_err(Error::writing)?;
         let input = Input { path: Path::new(""), model: input, read_s: 0.0 };
         let target = Target { origin, ..Target::new(output) };
-        let record = engine_compress::compress_to(session, input, (config, aim), &target)?;
+        let record = engine_compress::compress_to(session, input, config, aim, &target)?;
         (record, smaller(formats::read(output)?.gaussians))
     } else {
-        let (mut record, gaussians) = engine_compress::compress_in_memory(session, (input, origin), (config, aim))?;
+        let (mut record, gaussians) = engine_compress::compress_in_memory(session, input, origin, config, aim)?;
         let smaller = smaller(gaussians);
         record.output.bytes = smaller.ply_bytes()?;
         (record, smaller)

@@ -1,8 +1,8 @@
 //! Edits: each makes a new model.
 
-use crate::arrays::{Resolution, tuple};
+use crate::arrays::{Resolution, tuple, vector};
 use crate::device::{Device, or_usual};
-use crate::errors::{number, raised, warn, whole, wrong};
+use crate::errors::{given, named, number, raised, warn, whole, wrong};
 use crate::fork::detached;
 use crate::model::Model;
 use crate::photos::Photos;
@@ -24,6 +24,7 @@ use numpy::{PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::PySlice;
+use std::fmt::Display;
 use std::path::PathBuf;
 
 impl Model {
@@ -51,14 +52,14 @@ impl Model {
             let networks = Networks::default();
             let session = Session { watcher, ..Session::new(&device, &networks) };
             let found = match photos {
-                Some(photos) => floaters::by_photos(&session, (&self.inner, self.origin), photos, style)?,
+                Some(photos) => floaters::by_photos(&session, &self.inner, self.origin, photos, style)?,
                 None => floaters::by_own_pictures(&session, &self.inner, &VirtualCameras::default(), style)?,
             };
             let mut model = Gaussians::clone(&self.inner);
             model.compact(&found.iter().map(Option::is_none).collect::<Vec<bool>>());
             Ok((model, found.iter().flatten().count()))
         })?;
-        if let Some(warning) = floater_warning(removed, self.inner.len()).filter(|_| photos.is_some()) {
+        if let Some(warning) = floater_warning(removed, self.inner.len(), photos.is_some()) {
             warn(py, &in_python(&warning))?;
         }
         Ok(self.like(model))
@@ -79,12 +80,12 @@ impl Model {
     /// rounds positions far from the origin.
     fn transform(&self, py: Python<'_>, matrix: &Bound<'_, PyAny>) -> PyResult<Self> {
         let flat = py.import("numpy")?.call_method1("ravel", (matrix,))?.call_method0("tolist")?;
-        let numbers: Vec<f64> = flat.extract()?;
+        let numbers = flat.extract::<Vec<f64>>().map_err(|e| named("matrix", e, py))?;
         self.transformed(py, Similarity::of_matrix(&numbers))
     }
 
     /// Translates by (x, y, z) in world units.
-    fn move_by(&self, py: Python<'_>, offset: [f64; 3]) -> PyResult<Self> {
+    fn move_by(&self, py: Python<'_>, #[pyo3(from_py_with = vector::offset)] offset: [f64; 3]) -> PyResult<Self> {
         let offset = DVec3::from_array(offset);
         if !offset.is_finite() {
             return Err(wrong(format!("offset={offset}: give finite numbers")));
@@ -93,7 +94,12 @@ impl Model {
     }
 
     /// Rotates about an axis through the origin (right-handed).
-    fn turn(&self, py: Python<'_>, axis: [f64; 3], degrees: f64) -> PyResult<Self> {
+    fn turn(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = vector::axis)] axis: [f64; 3],
+        degrees: f64,
+    ) -> PyResult<Self> {
         self.transformed(py, Similarity::turn(DVec3::from_array(axis), degrees))
     }
 
@@ -104,13 +110,25 @@ impl Model {
 
     /// Keeps the Gaussians with their centre in an axis-aligned box, or outside of it.
     #[pyo3(signature = (low, high, *, outside=false))]
-    fn crop_box(&self, py: Python<'_>, low: [f64; 3], high: [f64; 3], outside: bool) -> PyResult<Self> {
+    fn crop_box(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = vector::low)] low: [f64; 3],
+        #[pyo3(from_py_with = vector::high)] high: [f64; 3],
+        outside: bool,
+    ) -> PyResult<Self> {
         self.cropped(py, Region::cube(low.into(), high.into()), outside)
     }
 
     /// Keeps the Gaussians with their centre in a sphere, or outside of it.
     #[pyo3(signature = (centre, radius, *, outside=false))]
-    fn crop_ball(&self, py: Python<'_>, centre: [f64; 3], radius: f64, outside: bool) -> PyResult<Self> {
+    fn crop_ball(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = vector::centre)] centre: [f64; 3],
+        radius: f64,
+        outside: bool,
+    ) -> PyResult<Self> {
         self.cropped(py, Region::ball(centre.into(), radius), outside)
     }
 
@@ -128,7 +146,7 @@ impl Model {
         let least = number("least", least, 1)?;
         let region = detached(py, || {
             let opened = Scene::open(&scene, &OpenOptions { images, ..OpenOptions::default() })?;
-            let region = place::seen((&self.inner, self.origin), &opened, least)?;
+            let region = place::seen(&self.inner, self.origin, &opened, least)?;
             Ok::<_, Error>((region, opened.skipped.summary()))
         })?;
         let (region, skipped) = region.map_err(raised)?;
@@ -141,7 +159,8 @@ impl Model {
     /// Drops the bands above this SH degree.
     fn with_degree(&self, py: Python<'_>, #[pyo3(from_py_with = whole)] degree: i64) -> PyResult<Self> {
         let within = usize::try_from(degree).ok().filter(|degree| *degree <= MAX_SH_DEGREE);
-        let degree = within.ok_or_else(|| wrong(format!("degree={degree}: give one from 0 to {MAX_SH_DEGREE}")))?;
+        let degree =
+            within.ok_or_else(|| wrong(format!("{}: give one from 0 to {MAX_SH_DEGREE}", given("degree", degree))))?;
         self.edited(py, Edit::ShDegree(degree))
     }
 
@@ -187,7 +206,7 @@ impl Model {
             "floaters" => return self.without_floaters(py, photos.as_ref(), or_usual(py, device)?),
             other => {
                 let kinds = "\"invisible\", \"needles\" and \"floaters\"";
-                return Err(wrong(format!("{other:?} is no kind to remove: there are {kinds}")));
+                return Err(wrong(format!("{other:?} is not a kind to remove: there are {kinds}")));
             }
         };
         self.edited(py, Edit::Remove(unwanted))
@@ -206,6 +225,7 @@ impl Model {
             Ok(slice) => numpy.call_method1("arange", (n,))?.get_item(slice)?,
             Err(_) => numpy.call_method1("asarray", (chosen,))?,
         };
+        let beyond = |index: &dyn Display| PyIndexError::new_err(format!("there is no Gaussian {index} among {n}"));
         let untyped = array.cast::<PyUntypedArray>()?;
         let (shape, kind) = (untyped.shape(), untyped.dtype().kind());
         let indices: Vec<i64> = match kind {
@@ -216,7 +236,11 @@ impl Model {
             _ if shape.len() != 1 => {
                 return Err(wrong(format!("indices have the shape {}, and should have (k,)", tuple(shape))));
             }
-            b'i' | b'u' => array.call_method0("tolist")?.extract()?,
+            b'i' | b'u' => match array.call_method0("tolist")?.extract::<Vec<i64>>() {
+                Ok(indices) => indices,
+                // Unsigned numbers beyond those of i64.
+                Err(_) => return Err(beyond(&array.call_method0("max")?)),
+            },
             _ if shape == [0] => Vec::new(),
             _ => return Err(PyTypeError::new_err("indices should be whole numbers, and a mask should be of bools")),
         };
@@ -224,8 +248,8 @@ impl Model {
             let from_start = if *i < 0 { i.checked_add_unsigned(n as u64)? } else { *i };
             usize::try_from(from_start).ok().filter(|i| *i < n)
         };
-        if let Some(beyond) = indices.iter().find(|i| within(i).is_none()) {
-            return Err(PyIndexError::new_err(format!("there is no Gaussian {beyond} among {n}")));
+        if let Some(index) = indices.iter().find(|i| within(i).is_none()) {
+            return Err(beyond(index));
         }
         let indices: Vec<usize> = indices.iter().filter_map(within).collect();
         Ok(self.like(detached(py, || self.inner.select(&indices))?))

@@ -3,7 +3,9 @@
 use crate::words::in_python;
 use engine::job::{Error, Exit};
 use engine::wording::file_size;
-use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyOverflowError, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{
+    PyKeyboardInterrupt, PyMemoryError, PyOSError, PyOverflowError, PyRuntimeError, PyTypeError, PyValueError,
+};
 use pyo3::prelude::*;
 use std::error::Error as _;
 use std::io;
@@ -80,6 +82,11 @@ pub fn share(keep: f64) -> PyResult<f64> {
     Err(wrong(format!("keep={keep}: give a share above 0 and up to 1")))
 }
 
+/// The argument `keep`, or None.
+pub fn some_keep(object: &Bound<'_, PyAny>) -> PyResult<Option<f64>> {
+    object.extract::<Option<f64>>().map_err(|e| named("keep", e, object.py()))
+}
+
 /// A whole number of any size; what 64 bits cannot hold becomes the nearest that they can.
 pub fn whole(object: &Bound<'_, PyAny>) -> PyResult<i64> {
     match object.extract::<i64>() {
@@ -95,15 +102,30 @@ pub fn some_whole(object: &Bound<'_, PyAny>) -> PyResult<Option<i64>> {
     if object.is_none() { Ok(None) } else { whole(object).map(Some) }
 }
 
+/// True for what [`whole`] makes of numbers beyond 64 bits: nobody gave that number.
+fn clamped(value: i64) -> bool {
+    [i64::MIN, i64::MAX].contains(&value)
+}
+
+/// An argument with the value that was given, as far as 64 bits hold it.
+pub fn given(name: &str, value: i64) -> String {
+    if clamped(value) { name.to_owned() } else { format!("{name}={value}") }
+}
+
 /// A width and a height in pixels.
 fn pixels(name: &str, object: &Bound<'_, PyAny>) -> PyResult<(u32, u32)> {
-    let sides = object.try_iter()?.map(|side| whole(&side?)).collect::<PyResult<Vec<i64>>>()?;
+    let with_name = |e: PyErr| named(name, e, object.py());
+    let sides = object.try_iter().map_err(with_name)?;
+    let sides = sides.map(|side| whole(&side?)).collect::<PyResult<Vec<i64>>>().map_err(with_name)?;
     let [width, height] = sides[..] else {
         return Err(wrong(format!("{name} has {} numbers: give a width and a height", sides.len())));
     };
     let side = |pixels: i64| u32::try_from(pixels).ok().filter(|pixels| (1..=65_536).contains(pixels));
     let both = side(width).zip(side(height));
-    both.ok_or_else(|| wrong(format!("{name}=({width}, {height}): give 1 to 65,536 pixels each")))
+    both.ok_or_else(|| {
+        let shown = if clamped(width) || clamped(height) { String::new() } else { format!("=({width}, {height})") };
+        wrong(format!("{name}{shown}: give 1 to 65,536 pixels each"))
+    })
 }
 
 /// The argument `size`, in pixels.
@@ -124,7 +146,7 @@ pub fn some_picture_size(object: &Bound<'_, PyAny>) -> PyResult<Option<(u32, u32
 /// A number of views or cameras, at least `least`.
 pub fn views<T: TryFrom<i64>>(name: &str, value: i64, least: i64) -> PyResult<T> {
     if value > 100_000 {
-        return Err(wrong(format!("{name}={value}: give at most 100,000")));
+        return Err(wrong(format!("{}: give at most 100,000", given(name, value))));
     }
     number(name, value, least)
 }
@@ -147,9 +169,9 @@ pub fn warn(py: Python<'_>, what: &str) -> PyResult<()> {
 /// A number of things that has to be at least `least`.
 pub fn number<T: TryFrom<i64>>(name: &str, value: i64, least: i64) -> PyResult<T> {
     if value < least {
-        return Err(wrong(format!("{name}={value}: give {least} or more")));
+        return Err(wrong(format!("{}: give {least} or more", given(name, value))));
     }
-    T::try_from(value).map_err(|_| wrong(format!("{name}={value}: give a smaller number")))
+    T::try_from(value).map_err(|_| wrong(format!("{}: give a smaller number", given(name, value))))
 }
 
 /// A colour of red, green and blue in [0, 1].
@@ -158,6 +180,18 @@ pub fn colour(background: [f32; 3]) -> PyResult<[f32; 3]> {
         return Ok(background);
     }
     Err(wrong(format!("background={background:?}: give red, green and blue from 0 to 1")))
+}
+
+/// A TypeError or ValueError with an argument's name before its text; other exceptions stay as they are.
+pub fn named(name: &str, error: PyErr, py: Python<'_>) -> PyErr {
+    let text = format!("{name}: {}", error.value(py));
+    if error.is_instance_of::<PyTypeError>(py) {
+        PyTypeError::new_err(text)
+    } else if error.is_instance_of::<PyValueError>(py) {
+        wrong(text)
+    } else {
+        error
+    }
 }
 
 /// An exception for a value that makes no sense.

@@ -23,9 +23,10 @@ use std::path::{Path, PathBuf};
 /// of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with exposures fitted to
 /// the photos, as runs with that effect do.
 ///
-/// The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and, if weights are
-/// installed, lpips_alex and the like. "ply_bytes" are those of the .ply that the model makes; the record against another model has
-/// "schema", "gaussians" with the numbers of "model" and "original", "test" and "views".
+/// The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and lpips_vgg,
+/// lpips_vgg_normalized and lpips_alex, which are None without weights ($QIRF_LPIPS: a file or folder made by tools/lpips-weights).
+/// "ply_bytes" are those of the .ply that the model makes; the record against another model has "schema", "gaussians" with the numbers of
+/// "model" and "original", "test" and "views".
 #[pyfunction]
 #[pyo3(signature = (model, scene=None, *, against=None, images=None, resolution=None, eval_every=8, background=None, antialias=None,
     dilation=None, depth_order=false, exposure=false, device=None, on_progress=None))]

@@ -1,8 +1,9 @@
 //! Models.
 
-use crate::arrays::{borrowed, floats, rows, tuple};
+use crate::arrays::{borrowed, floats, rows, tuple, vector};
 use crate::errors::{raised, warn, wrong};
 use crate::fork::detached;
+use engine::edit::{rounding, rounding_warning};
 use engine::gaussians::formats::{self, Loaded, Precision, RenderMode, SpzVersion};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
@@ -44,8 +45,8 @@ impl Model {
     /// A copy of the Gaussians whose means count from where the coordinates of a scene with these photos do, and that place.
     pub(crate) fn placed(&self, scene: Option<(&Path, Option<&Path>)>) -> Result<(Gaussians, [f64; 3]), Error> {
         let (mut model, mut origin) = (Gaussians::clone(&self.inner), self.origin);
-        if let Some(scene) = scene {
-            place(&mut model, &mut origin, scene)?;
+        if let Some((scene, images)) = scene {
+            place(&mut model, &mut origin, scene, images)?;
         }
         Ok((model, origin))
     }
@@ -92,11 +93,52 @@ pub fn in_memory(model: &mut Value) {
     model["path"] = Value::Null;
 }
 
+/// Warns of what reading a file lost, of an unclear tag, and of a file without Gaussians.
+pub fn warn_of(py: Python<'_>, loaded: &Loaded, path: &Path) -> PyResult<()> {
+    let none = loaded.gaussians.is_empty().then(|| "it holds no Gaussian".to_owned());
+    for remark in [loaded.doubt.clone(), loaded.remark(), none].into_iter().flatten() {
+        warn(py, &format!("{}: {remark}", path.display()))?;
+    }
+    if let Some(step) = rounding(&loaded.gaussians) {
+        warn(py, &rounding_warning(&format!("{}: the model lies far from its origin", path.display()), step))?;
+    }
+    Ok(())
+}
+
 /// The model that was pickled.
 #[pyfunction(name = "_model")]
 pub fn unpickled(arrays: &Bound<'_, PyTuple>, antialiased: bool, origin: [f64; 3]) -> PyResult<Model> {
     let item = |at| arrays.get_item(at);
-    Model::from_arrays(&item(0)?, &item(1)?, &item(2)?, &item(3)?, &item(4)?, antialiased, origin)
+    let model = gathered(&item(0)?, &item(1)?, &item(2)?, &item(3)?, &item(4)?)?;
+    // It was a model: edits may have led to Gaussians that cannot be drawn, and files of large ones are read.
+    model.validate().map_err(|e| raised(Error::from(e)))?;
+    Ok(Model { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
+}
+
+/// Gaussians of arrays, of which neither the values nor all of the lengths are checked.
+fn gathered(
+    means: &Bound<'_, PyAny>,
+    log_scales: &Bound<'_, PyAny>,
+    rotations: &Bound<'_, PyAny>,
+    opacity_logits: &Bound<'_, PyAny>,
+    sh: &Bound<'_, PyAny>,
+) -> PyResult<Gaussians> {
+    let means = rows(means, "means")?;
+    let (shape, opacity_logits) = floats(opacity_logits, "opacity_logits")?;
+    if shape != [means.len()] {
+        return Err(wrong(format!(
+            "opacity_logits has the shape {}, and should have ({},)",
+            tuple(&shape),
+            means.len()
+        )));
+    }
+    Ok(Gaussians {
+        log_scales: rows(log_scales, "log_scales")?,
+        rotations: rows(rotations, "rotations")?,
+        opacity_logits,
+        sh: bands(sh, means.len())?,
+        means,
+    })
 }
 
 /// True for a list of bands: its first item has three axes, and that of a list of all coefficients two.
@@ -143,10 +185,7 @@ impl Model {
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let loaded = detached(py, || formats::read(&path))?.map_err(|e| raised(Error::from(e)))?;
-        let none = loaded.gaussians.is_empty().then(|| "it holds no Gaussian".to_owned());
-        for remark in [loaded.doubt.clone(), loaded.remark(), none].into_iter().flatten() {
-            warn(py, &format!("{}: {remark}", path.display()))?;
-        }
+        warn_of(py, &loaded, &path)?;
         Ok(loaded.into())
     }
 
@@ -165,27 +204,12 @@ impl Model {
         opacity_logits: &Bound<'_, PyAny>,
         sh: &Bound<'_, PyAny>,
         antialiased: bool,
-        origin: [f64; 3],
+        #[pyo3(from_py_with = vector::origin)] origin: [f64; 3],
     ) -> PyResult<Self> {
         if origin.iter().any(|x| !x.is_finite()) {
             return Err(wrong("origin should be three finite numbers"));
         }
-        let means = rows(means, "means")?;
-        let (shape, opacity_logits) = floats(opacity_logits, "opacity_logits")?;
-        if shape != [means.len()] {
-            return Err(wrong(format!(
-                "opacity_logits has the shape {}, and should have ({},)",
-                tuple(&shape),
-                means.len()
-            )));
-        }
-        let model = Gaussians {
-            log_scales: rows(log_scales, "log_scales")?,
-            rotations: rows(rotations, "rotations")?,
-            opacity_logits,
-            sh: bands(sh, means.len())?,
-            means,
-        };
+        let model = gathered(means, log_scales, rotations, opacity_logits, sh)?;
         let model = model.checked().map_err(|e| raised(Error::from(e)))?;
         Ok(Self { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
     }

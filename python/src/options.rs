@@ -117,6 +117,23 @@ fn check_names(py: Python<'_>, options: &Table) -> PyResult<()> {
     }))
 }
 
+/// Refuses numbers beyond the 64 bits of config.toml's; JSON has made floats of the largest.
+fn check_numbers(options: &Table) -> PyResult<()> {
+    let end = 2_f64.powi(63);
+    for (name, value) in options {
+        let Value::Number(number) = value else { continue };
+        if number.is_u64() && !number.is_i64() {
+            return Err(wrong(format!("{name}={number}: give a smaller number")));
+        }
+        match number.as_f64().filter(|_| number.is_f64()) {
+            Some(float) if float >= end => return Err(wrong(format!("{name}: give a number below 2^63"))),
+            Some(float) if float < -end => return Err(wrong(format!("{name}: give a number above -2^63"))),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 /// True if the options are a whole config.toml, which has values for everything that a preset decides.
 fn is_whole(config: &RunConfig, options: &Table) -> PyResult<bool> {
     let always = table(config)?;
@@ -132,6 +149,7 @@ pub fn configuration(py: Python<'_>, scene: PathBuf, preset: &str, mut options: 
     let mut config = RunConfig::of(scene, preset);
     options.retain(|_, value| !value.is_null());
     check_names(py, &options)?;
+    check_numbers(&options)?;
     if let Some(resolution @ Value::Number(_)) = options.get_mut("resolution") {
         *resolution = Value::String(resolution.to_string()); // a width in pixels
     }

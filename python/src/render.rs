@@ -156,7 +156,7 @@ impl Renderer {
         }
         let drawn = detached(py, || {
             let (settings, size) = self.settings(&camera);
-            let make = || DepthPainter::new(&self.device, &self.model, (settings, size, self.resident.is_some()));
+            let make = || DepthPainter::new(&self.device, &self.model, settings, size, self.resident.is_some());
             painter(&mut self.brushes().depth, settings.near, make)?.draw(&camera.inner)
         });
         let drawn = drawn?.map_err(raised)?;

@@ -2,9 +2,9 @@
 
 use crate::arrays::{dictionary, json};
 use crate::device::{Device, or_usual};
-use crate::errors::wrong;
+use crate::errors::{raised, wrong};
 use crate::fork::detached;
-use crate::model::Model;
+use crate::model::{Model, warn_of};
 use crate::options::{configuration, from_model};
 use crate::watch::{Callbacks, followed};
 use engine::gaussians::formats::{self, RenderMode};
@@ -186,13 +186,17 @@ fn beginning(
     folder: &Path,
     model: Option<&Py<Model>>,
 ) -> PyResult<Option<(PathBuf, RenderMode)>> {
-    if let Some(model) = model {
-        return Ok(Some((initial_file(folder), model.get().mode)));
+    if let Some(model) = model.map(Py::get) {
+        if model.inner.is_empty() {
+            return Err(wrong("init: the model has no Gaussian"));
+        }
+        return Ok(Some((initial_file(folder), model.mode)));
     }
     let Init::Model(path) = &config.init else { return Ok(None) };
     // A config.toml names the model that lies beside it without their folder.
     let beside = folder.join(path);
     let path = if path.exists() || !beside.is_file() { path.clone() } else { beside };
-    let read = detached(py, || formats::read(&path))?;
-    Ok(Some((path, read.map_err(|e| crate::errors::raised(Error::from(e)))?.mode)))
+    let loaded = detached(py, || formats::read(&path))?.map_err(|e| raised(Error::from(e)))?;
+    warn_of(py, &loaded, &path)?;
+    Ok(Some((path, loaded.mode)))
 }

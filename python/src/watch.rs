@@ -8,7 +8,7 @@ use crate::words::in_python;
 use engine::job::run_log::LogLine;
 use engine::job::{Error, Stage, Watcher};
 use engine::train::Progress;
-use pyo3::exceptions::PyException;
+use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::prelude::*;
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -214,6 +214,11 @@ pub fn followed<T: Send>(
     job: impl FnOnce(&(dyn Watcher + Sync)) -> Result<T, Error> + Send,
 ) -> PyResult<T> {
     fork::check()?;
+    for (name, callback) in [("on_step", &callbacks.on_step), ("on_progress", &callbacks.on_progress)] {
+        if callback.as_ref().is_some_and(|callback| !callback.bind(py).is_callable()) {
+            return Err(PyTypeError::new_err(format!("{name} should be a function")));
+        }
+    }
     let shared = Shared::default();
     let (letters, inbox) = mpsc::channel();
     let (steps, progress) = (callbacks.on_step.is_some(), callbacks.on_progress.is_some());

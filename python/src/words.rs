@@ -74,7 +74,7 @@ fn needed(expected: &str, is_whole: bool) -> String {
         "an array of length 3" => "a list of three numbers".to_owned(),
         "a map" | "map" => "a dict".to_owned(),
         other if other.starts_with("struct ") => "a dict".to_owned(),
-        other if other.starts_with("enum ") || ["string or map", "string or table"].contains(&other) => {
+        other if other.starts_with("enum ") || ["string or map", "string or table", "string only"].contains(&other) => {
             "a name, or a dict of one,".to_owned()
         }
         other => other.to_owned(),
@@ -98,6 +98,10 @@ pub fn refusal(name: &str, value: &Value, message: &str) -> String {
         if what.starts_with("unknown field ") {
             let key = names(what).concat();
             return format!("{name} has a key \"{key}\" that is not known: its keys are {}", listed(&known));
+        }
+        if what.starts_with("invalid ") && name == "init" {
+            let known = "\"points\", \"random\", the path of a model, or a Model";
+            return format!("init is {}: give {known}", repr(value));
         }
         if what.starts_with("invalid ") {
             let whole = value.is_i64() || value.is_u64();

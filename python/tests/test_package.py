@@ -4,11 +4,13 @@ import errno
 import inspect
 import json
 import logging
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 import time
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +87,19 @@ def test_wrong_arrays_are_named(ring):
         make(broken, scales, rotations, logits, sh)
     with pytest.raises(ValueError, match="means"):
         make("no array", scales, rotations, logits, sh)
+    broken = scales.copy()
+    broken[3, 0] = 200
+    with pytest.raises(ValueError, match="Gaussian 3: its log_scales are too large"):
+        make(means, broken, rotations, logits, sh)
+
+
+def test_short_rotations_and_large_scales_are_kept(ring):
+    means, scales, rotations, logits, sh = arrays(ring)
+    short = qirf_vk.Model.from_arrays(means, scales, rotations * np.float32(1e-18), logits, sh).rotations
+    units = [turns / np.linalg.norm(turns, axis=1, keepdims=True) for turns in (short, rotations)]
+    assert np.allclose(*units, atol=1e-5)
+    large = qirf_vk.Model.from_arrays(means, np.full_like(scales, 88), rotations, logits, sh).scale(10)
+    assert (pickle.loads(pickle.dumps(large)).log_scales == large.log_scales).all() and large.log_scales.max() > 90
 
 
 def test_errors_have_their_kinds(ring, tmp_path):
@@ -123,7 +138,7 @@ def test_errors_have_their_kinds(ring, tmp_path):
         "views=1: give 2 or more": lambda: qirf_vk.compress(ring, views=1),
         "looks from eye": lambda: qirf_vk.Camera.look_at((1, 2, 3), (1, 2, 3)),
         "radius above 0": lambda: ring.crop_ball((0, 0, 0), -1),
-        "no inside": lambda: ring.crop_box((1, 1, 1), (-1, 2, 2)),
+        "box is empty": lambda: ring.crop_box((1, 1, 1), (-1, 2, 2)),
         "opacity=2": lambda: ring.min_opacity(2),
         "degree=-1": lambda: ring.with_degree(-1),
         "degree=4": lambda: ring.with_degree(4),
@@ -138,17 +153,25 @@ def test_errors_have_their_kinds(ring, tmp_path):
         "near=0": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), (4, 4), near=0),
         "fine_tune=-1: give 0 or more": lambda: qirf_vk.compress(ring, fine_tune=-1),
         "seed=-1: give 0 or more": lambda: qirf_vk.compress(ring, seed=-1),
-        r"seed=\d+: give a smaller": lambda: qirf_vk.compress(ring, seed=10**30),
-        "count=-9": lambda: qirf_vk.compress(ring, count=-(10**30)),
+        "seed: give a smaller number": lambda: qirf_vk.compress(ring, seed=2**64 - 1),
+        "count: give 1 or more": lambda: qirf_vk.compress(ring, count=-(10**30)),
+        "degree: give one from 0": lambda: ring.with_degree(10**30),
         r"picture_size=\(-5, 3\)": lambda: qirf_vk.compress(ring, picture_size=(-5, 3)),
-        r"size=\(4, \d+\)": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), (4, 10**30)),
+        "size: give 1 to 65,536 pixels": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), (4, 10**30)),
         "eval_every=-1": lambda: qirf_vk.evaluate(ring, tmp_path, eval_every=-1),
         "memory_limit=-1": lambda: qirf_vk.Device(memory_limit=-1),
         "offset=": lambda: ring.move_by((0, np.nan, 0)),
         "keep=nan": lambda: qirf_vk.train(tmp_path, keep=np.nan),
         "iterations=inf": lambda: qirf_vk.train(tmp_path, iterations=np.inf),
         "iterations is -1, a whole number of 0 or more": lambda: qirf_vk.train(tmp_path, iterations=-1),
-        "seed is .*, a whole number is needed": lambda: qirf_vk.train(tmp_path, seed=10**30),
+        r"seed: give a number below 2\^63": lambda: qirf_vk.train(tmp_path, seed=2**70),
+        r"seed: give a number above -2\^63": lambda: qirf_vk.train(tmp_path, seed=-(10**30)),
+        "seed=9223372036854775808: give a smaller number": lambda: qirf_vk.train(tmp_path, seed=2**63),
+        'init is 3: give "points", "random", the path of a model, or a Model': lambda: qirf_vk.train(tmp_path, init=3),
+        "init: the model has no Gaussian": lambda: qirf_vk.train(tmp_path, init=ring.select([])),
+        "the model has no Gaussian": lambda: qirf_vk.compress(ring.select([])),
+        "K: .*could not convert": lambda: qirf_vk.Camera("x", np.eye(4), (4, 4)),
+        "low: expected a sequence of length 3": lambda: ring.crop_box((0, 0), (1, 1, 1)),
         "views=4294967295: give at most": lambda: qirf_vk.compress(ring, 0.5, views=2**32 - 1),
         "count=4000000000: give at most": lambda: qirf_vk.orbit(ring, 4 * 10**9),
         "is a direction": lambda: qirf_vk.Camera.look_at((0, 0, -3), target=(np.nan, 0, 0)),
@@ -161,6 +184,25 @@ def test_errors_have_their_kinds(ring, tmp_path):
             call()
     with pytest.raises(IndexError, match=f"no Gaussian -{len(ring) + 1} among {len(ring)}"):
         ring.select([0, -len(ring) - 1])
+    with pytest.raises(IndexError, match=f"no Gaussian {2**63} among {len(ring)}"):
+        ring.select(np.array([0, 2**63], "u8"))
+
+
+def test_arguments_of_wrong_types_are_named(ring, tmp_path):
+    wrong = {
+        "keep: must be real number": lambda: qirf_vk.compress(ring, "0.3"),
+        "size: 'int' object is not iterable": lambda: qirf_vk.Camera(np.eye(3), np.eye(4), 5),
+        "picture_size: 'float' object": lambda: qirf_vk.compress(ring, picture_size=(4.5, 3)),
+        "offset: ": lambda: ring.move_by(3),
+        "matrix: must be real number": lambda: ring.transform([["x"]]),
+        "up: must be real number": lambda: qirf_vk.orbit(ring, 2, up=("x", 0, 0)),
+        "on_step should be a function": lambda: qirf_vk.train(tmp_path, output=tmp_path / "run", on_step=3),
+        "on_progress should be a function": lambda: qirf_vk.evaluate(ring, against=ring, on_progress="print"),
+    }
+    for text, call in wrong.items():
+        with pytest.raises(TypeError, match=text):
+            call()
+    assert not list(tmp_path.iterdir()), "nothing was written"
 
 
 def test_help_says_what_the_stubs_say():
@@ -370,6 +412,8 @@ def test_what_is_lost_is_warned_of(ring, tmp_path):
     (tmp_path / "damaged.ply").write_bytes(data)
     with pytest.warns(UserWarning, match="1 Gaussian removed"):
         assert len(qirf_vk.Model.load(tmp_path / "damaged.ply")) == len(ring) - 1
+    with pytest.warns(UserWarning, match="damaged.ply: .*1 Gaussian removed"), pytest.raises(TypeError, match="on_step"):
+        qirf_vk.train(tmp_path, init=tmp_path / "damaged.ply", on_step=3)
     far = qirf_vk.Model.from_arrays(*arrays(ring), origin=(1e6, 0, 0))
     near = qirf_vk.Model.from_arrays(*arrays(ring), origin=(0, 1e6, 0))
     with pytest.warns(UserWarning, match="rounded to about"):
@@ -422,6 +466,20 @@ def test_import_is_quick():
     code = "import time; t = time.perf_counter(); import qirf_vk; print(time.perf_counter() - t)"
     seconds = [float(subprocess.check_output([sys.executable, "-c", code])) for _ in range(3)]
     assert min(seconds) < 0.05, seconds
+
+
+def test_the_wheel_names_the_crates_inside_with_their_licences():
+    licences = next(file for file in metadata.files("qirf-vk") if file.name == "THIRD-PARTY").read_binary()
+    assert b"\npyo3 0." in licences and b"\nexr " in licences and b"\nqirf-vk" not in licences
+    assert licences.count(b"Permission is hereby granted") > 10
+
+
+def test_classes_are_final_as_the_stubs_say():
+    for node in ast.parse((ROOT / "python" / "qirf_vk.pyi").read_text()).body:
+        if isinstance(node, ast.ClassDef) and node.name != "DeviceError":
+            assert [decorator.id for decorator in node.decorator_list] == ["final"], node.name
+            with pytest.raises(TypeError, match="not an acceptable base type"):
+                type("Own", (getattr(qirf_vk, node.name),), {})
 
 
 def test_the_stubs_name_what_there_is():

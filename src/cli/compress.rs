@@ -86,9 +86,7 @@ pub(super) struct Arguments {
 fn format(text: &str) -> Result<String, String> {
     let name = text.trim_start_matches('.').to_ascii_lowercase();
     if formats::check_output(&PathBuf::from(format!("model.{name}"))).is_err() {
-        return Err(format!(
-            "'{text}' is no format that models are written as: write one such as sog, spz, ply or compressed.ply"
-        ));
+        return Err(format!("'{text}' is not an output format; choose, for example, sog, spz, ply or compressed.ply"));
     }
     Ok(name)
 }
@@ -119,7 +117,7 @@ impl Arguments {
         let subject = || view::of_compression(&config, &input.model, &self.output, console);
         let subject = self.watched.view.then(subject).transpose()?;
         let figures = self.watched.during(&session, console, subject, |session| {
-            compress::compress_to(session, input, (&config, aim), &target)
+            compress::compress_to(session, input, &config, aim, &target)
         })?;
         match &self.report {
             Some(page) if has_extension(page, &["html"]) => Output::text(page, &report::compression::page(&figures))?,
@@ -153,8 +151,8 @@ impl Arguments {
         for format in formats {
             let files = record.files.iter().filter(|file| file.wanted.is_some() && file.format == *format).count();
             if files < SIZES as usize {
-                let sizes = counted(SIZES as usize - files, "size");
-                console.note(format_args!("{format} has no file of {sizes} of {SIZES}: one Gaussian takes more"));
+                let small = SIZES as usize - files;
+                console.note(format_args!("{format}: {small} of {SIZES} sizes are too small for a single Gaussian"));
             }
         }
         tell_of_missing(&networks, console);
@@ -190,7 +188,7 @@ pub(super) fn outcome(figures: &CompressRecord) -> String {
     let CompressRecord { aim, output, test, .. } = figures;
     let Some(aim) = aim else { return String::new() };
     let psnr = test.written.as_ref().map_or(aim.chosen.psnr, |scores| scores.psnr);
-    fit::line(aim, (output.bytes, output.gaussians), psnr)
+    fit::line(aim, output.bytes, output.gaussians, psnr)
 }
 
 fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {

@@ -81,7 +81,7 @@ impl CompressArgs {
     pub fn read(&self, model: &Path, console: &Console) -> Result<(Loaded, Style), Error> {
         let mut loaded = read_model(model, console)?;
         if let Some(scene) = &self.scene {
-            place(&mut loaded.gaussians, &mut loaded.origin, (scene, self.images.as_deref()))?;
+            place(&mut loaded.gaussians, &mut loaded.origin, scene, self.images.as_deref())?;
         }
         let style = self.rendering.style(model, &loaded, None, console);
         Ok((loaded, style))

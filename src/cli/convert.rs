@@ -168,7 +168,9 @@ impl Arguments {
             return loaded;
         }
         if self.origin == Origin::Local {
-            console.note(format_args!("coordinates count from {x},{y},{z}; georeference.json says so, too"));
+            console.note(format_args!(
+                "coordinates are relative to the local origin {x},{y},{z}, which georeference.json also records"
+            ));
             return loaded;
         }
         loaded.gaussians.shift(DVec3::new(x, y, z));
@@ -224,7 +226,7 @@ impl Arguments {
         let views = ViewSource::OwnPictures { cameras, background: self.background.unwrap_or_default() };
         let config = CompressConfig { views, style, ..CompressConfig::default() };
         let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
-        let record = compress_to(session, input, (&config, Some(Aim::Bytes(size))), target)?;
+        let record = compress_to(session, input, &config, Some(Aim::Bytes(size)), target)?;
         console.tell(remarks(&record));
         console.note(format_args!("{} in {}", outcome(&record), self.output.display()));
         Ok(())
@@ -291,7 +293,7 @@ fn write_measured(
     let model = &loaded.gaussians;
     let (packed, cost) = match session {
         Some(session) if !model.is_empty() => {
-            let (packed, psnr) = cost::pack(session, (model, style), target)?;
+            let (packed, psnr) = cost::pack(session, model, style, target)?;
             console.tell(poor(target.path, psnr.unwrap_or(f64::INFINITY)));
             let same = || "; pictures are equal".to_owned();
             (packed, psnr.map_or_else(same, |psnr| format!("; {psnr:.1} dB against it")))

@@ -94,7 +94,7 @@ impl Arguments {
         let mut loaded = read_model(&self.model, console)?;
         let evaluation = self.evaluation(&loaded, console)?;
         let selection = &evaluation.selection;
-        place(&mut loaded.gaussians, &mut loaded.origin, (&selection.scene, selection.images.as_deref()))?;
+        place(&mut loaded.gaussians, &mut loaded.origin, &selection.scene, selection.images.as_deref())?;
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;

@@ -155,7 +155,7 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
         .mut_subcommands(with_negative_numbers)
 }
 
-/// Options that only experiments use: `compare` shows them, and `run` and `compress` take them without showing them.
+/// Options that only experiments use: `compare` shows them, and `run`, `compress` and their plans take them without showing them.
 const EXPERIMENTS: [&str; 6] = ["partition", "overlap", "dilate", "solver", "epsilon", "init_count"];
 
 /// Leaves the options of experiments out of a command's help.
@@ -180,6 +180,11 @@ fn command() -> clap::Command {
     with_negative_numbers(command)
         .mut_subcommand("run", without_experiments)
         .mut_subcommand("compress", without_experiments)
+        .mut_subcommand("shard", |shard| {
+            shard.mut_subcommand("plan", |plan| {
+                ["run", "compress"].into_iter().fold(plan, |plan, job| plan.mut_subcommand(job, without_experiments))
+            })
+        })
         .help_template(format!(
             "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{list}Global options:\n{{options}}{{after-help}}"
         ))

@@ -90,7 +90,7 @@ impl OfModel {
             return Err(Error::Usage(what.to_owned()));
         }
         let config = self.options.configuration(style, 0)?;
-        let job = CompressPlan::plan(session, &self.model, (&loaded.gaussians, loaded.origin), config)?;
+        let job = CompressPlan::plan(session, &self.model, &loaded.gaussians, loaded.origin, config)?;
         Ok(Job::Compression(Box::new(job)))
     }
 }
@@ -112,7 +112,7 @@ impl Place {
     fn model(&self) -> Result<PathBuf, Error> {
         let model = self.output.join(&self.name);
         if self.name.contains(['/', '\\']) || model.extension().is_none_or(|e| e != "ply" && e != "spz") {
-            return Err(Error::Usage(format!("'{}' is no name of a .ply or .spz file", self.name)));
+            return Err(Error::Usage(format!("'{}' is not the name of a .ply or .spz file", self.name)));
         }
         Ok(model)
     }

@@ -324,6 +324,8 @@ mod tests {
             scene::Error::NoPhotos { root: path(), listed: 5, what: "a.png does not exist".into() },
             &["--images DIR"],
         );
+        let what = "a.png: only a.heic is there, in HEIC, which is not read".to_owned();
+        assert!(remedy(&Error::Scene(scene::Error::NoPhotos { root: path(), listed: 5, what })).is_none());
         says(scene::Error::NoImageFolder { root: path(), asked: path(), known: Vec::new() }, &["--images"]);
         says(metrics::Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["--lpips-weights"]);
         says(synth::Error::Foreign(path()), &["empty or new folder"]);

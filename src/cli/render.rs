@@ -125,7 +125,7 @@ impl Arguments {
         self.check()?;
         let mut loaded = read_model(&self.model, console)?;
         if let Some(scene) = &self.scene {
-            place(&mut loaded.gaussians, &mut loaded.origin, (scene, self.images.as_deref()))?;
+            place(&mut loaded.gaussians, &mut loaded.origin, scene, self.images.as_deref())?;
         }
         let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
         let (model, origin) = (loaded.gaussians, loaded.origin);
@@ -156,13 +156,13 @@ impl Arguments {
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
         let (drawn, times) = match work {
             Work::Shots(shots) => (shots.len(), render(&session, model, &shots, &config)?),
-            Work::Film(cameras, fps) => (cameras.len(), film(&session, model, (cameras, &config, fps), &self.output)?),
-            Work::Panorama(panorama) => (6, panorama::draw(&session, &model, (&panorama, &config), &self.output)?),
+            Work::Film(cameras, fps) => (cameras.len(), film(&session, model, cameras, &config, fps, &self.output)?),
+            Work::Panorama(panorama) => (6, panorama::draw(&session, &model, &panorama, &config, &self.output)?),
         };
         if self.depth {
             let step = depth::unit(config.settings.near);
             console.note(format_args!(
-                "16-bit depths are in units of {step} world units; 0 is no depth, 65535 that or more"
+                "16-bit depths are in units of {step} world units; 0 means no depth, 65535 this depth or more"
             ));
         }
         console.note(format_args!(

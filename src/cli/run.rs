@@ -350,5 +350,5 @@ fn pack(
     let input = Input { path: &path, model: loaded.gaussians, read_s: 0.0 };
     let packed = output.packed();
     let target = Target { origin: loaded.origin, ..Target::new(&packed) };
-    compress_to(session, input, (&config, Some(Aim::Bytes(size))), &target)
+    compress_to(session, input, &config, Some(Aim::Bytes(size)), &target)
 }

@@ -56,7 +56,7 @@ pub(super) fn pole(text: &str) -> Result<f64, String> {
     number(text, |angle| (0.0..=90.0).contains(angle), "write degrees from 0 to 90, such as 20")
 }
 
-/// As [`resolution`], but returns the text as given.
+/// The text of a [`resolution`], as given.
 pub(super) fn resolution_text(text: &str) -> Result<String, String> {
     resolution(text).map(|_| text.to_owned())
 }
@@ -169,7 +169,7 @@ pub(super) fn seconds(text: &str) -> Result<u64, String> {
 pub(super) struct Names<T> {
     /// The names, each with what it stands for.
     listed: Vec<(PossibleValue, T)>,
-    /// What the names stand for, with its article: "a preset".
+    /// Noun for the things named, with its article: "a preset".
     what: &'static str,
 }
 
@@ -292,9 +292,13 @@ mod tests {
             assert!(bytes(bad).is_err(), "{bad}");
         }
         assert_eq!((file_size("5MB"), file_size("1.5kB"), file_size("2 MiB")), (Ok(5_000_000), Ok(1500), Ok(2 << 20)));
+        assert_eq!(file_size("1TB"), Ok(1_000_000_000_000));
+        assert!(
+            file_size("5XB").unwrap_err().contains("GiB and TiB") && file_size("5").unwrap_err().contains("its unit")
+        );
         assert_eq!(size_of_file_or_pictures("640x480"), Ok(Size::Pictures(640, 480)));
         assert_eq!(size_of_file_or_pictures("12kb"), Ok(Size::File(12_000)));
-        for bad in ["5", "0", "0MB", "-1MB", "1TB", "MB", "", "nanMB", "infMB", "1e30GB", "5 apples", "0x7", "0x1B"] {
+        for bad in ["5", "0", "0MB", "-1MB", "1XB", "MB", "", "nanMB", "infMB", "1e30GB", "5 apples", "0x7", "0x1B"] {
             assert!(size_of_file_or_pictures(bad).is_err(), "{bad}");
         }
         assert_eq!(sh_bits("6,5"), Ok(SpzPrecision { first: 6, others: 5, means: None }));

@@ -25,8 +25,10 @@ const ROUNDS: [f64; 6] = [4096.0, 1024.0, 256.0, 64.0, 16.0, 4.0];
 const AMID: f64 = 0.125;
 /// Minimum distance to others of an isolated Gaussian that photos do not need,
 const ALONE: f64 = 2.5;
-/// and the minimum of this distance times its opacity: faint Gaussians are not floaters.
+/// the minimum of this distance times its opacity: faint Gaussians are not floaters,
 const SOLID: f64 = 1.4;
+/// and the minimum distance in the largest axis of these others, too: a Gaussian hidden among larger ones is not isolated.
+const CLEAR: f64 = 1.5;
 /// Without photos: minimum distance to others, in the largest axis among a Gaussian and these others, times a root of the change that it
 /// makes. An isolated Gaussian is a floater if pictures show it.
 const LONELY: f64 = 10.0;
@@ -47,14 +49,18 @@ pub fn are_many_floaters(floaters: usize, all: usize) -> bool {
     floaters as f64 > MANY * all as f64
 }
 
-/// A warning if photos contradict surprisingly many Gaussians.
-pub fn floater_warning(floaters: usize, all: usize) -> Option<String> {
-    are_many_floaters(floaters, all).then(|| {
-        format!(
-            "{floaters} of {} are floaters by these photos, far more than usual: does the model lie where the photos were taken, and \
-             was it trained on pictures of this size (--resolution)?",
-            counted(all, "Gaussian")
+/// A warning if surprisingly many Gaussians are floaters, by photos or by pictures of the model.
+pub fn floater_warning(floaters: usize, all: usize, by_photos: bool) -> Option<String> {
+    let (by, check) = if by_photos {
+        (
+            "these photos",
+            "does the model lie where the photos were taken, and was it trained on pictures of this size (--resolution)?",
         )
+    } else {
+        ("pictures of the model", "check the result, or give the photos (--scene)")
+    };
+    are_many_floaters(floaters, all).then(|| {
+        format!("{floaters} of {} are floaters by {by}, far more than usual: {check}", counted(all, "Gaussian"))
     })
 }
 
@@ -73,7 +79,7 @@ pub struct Sight {
     pub along: f32,
     /// Photos that see it.
     pub photos: u32,
-    /// Of these, photos with a smaller error without it.
+    /// Photos among these with a smaller error without it.
     pub against: u32,
 }
 
@@ -194,7 +200,7 @@ impl Evidence {
             }
             let alone = if self.compared {
                 let solid = distance * opacity(model.opacity_logits[i]);
-                sight.cost() <= FREE * typical && distance >= ALONE && solid >= SOLID
+                sight.cost() <= FREE * typical && distance >= ALONE && solid >= SOLID && apart >= CLEAR
             } else {
                 let change = if typical > 0.0 { f64::from(sight.change) / typical } else { 0.0 };
                 apart * (1.0 + change).powf(1.0 / ROOT) >= LONELY

@@ -38,7 +38,7 @@ impl Region {
     /// [`Error::Numbers`] for a box without an inside.
     pub fn cube(low: DVec3, high: DVec3) -> Result<Self, Error> {
         if !low.cmple(high).all() {
-            return Err(Error::Numbers("this box has no inside: give least x, y, z first, then greatest".into()));
+            return Err(Error::Numbers("this box is empty: give the minimum x, y, z first, then the maximum".into()));
         }
         Ok(Self::Box { low, high })
     }

@@ -35,7 +35,7 @@ impl Similarity {
         if scale.is_finite() && scale > 0.0 {
             return Ok(Self { scale, ..Self::IDENTITY });
         }
-        Err(Error::Numbers(format!("{scale} is no scale: give a finite number above 0")))
+        Err(Error::Numbers(format!("{scale} is not a valid scale: give a finite number above 0")))
     }
 
     /// A right-handed rotation about an axis through the origin, in degrees.
@@ -67,7 +67,7 @@ impl Similarity {
     pub fn quaternion([w, x, y, z]: [f64; 4]) -> Result<Self, Error> {
         let length = (w * w + x * x + y * y + z * z).sqrt();
         if !length.is_finite() || length < 1e-12 {
-            return Err(Error::Numbers("a quaternion of length 0 is no rotation: give w,x,y,z".into()));
+            return Err(Error::Numbers("a quaternion of length 0 is not a rotation: give w,x,y,z".into()));
         }
         let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
         Ok(Self { rotation, ..Self::IDENTITY })
@@ -86,7 +86,7 @@ impl Similarity {
             )));
         }
         if let Some(bad) = numbers.iter().find(|x| !x.is_finite()) {
-            return Err(Error::Numbers(format!("{bad} is no entry of a matrix: give finite numbers")));
+            return Err(Error::Numbers(format!("{bad} is not a valid matrix entry: give finite numbers")));
         }
         if numbers.get(12..).is_some_and(|last| !last.is_empty() && last != [0.0, 0.0, 0.0, 1.0]) {
             return Err(Error::Numbers("the fourth row of a matrix is 0, 0, 0, 1: give it row by row".into()));
@@ -107,14 +107,15 @@ impl Similarity {
         Ok(Self { rotation: orthonormal(rough), scale, translation })
     }
 
-    /// As [`Similarity::of_matrix`], of a text with the numbers, plain or as JSON.
+    /// The similarity of a text with the numbers of [`Similarity::of_matrix`], plain or as JSON.
     ///
     /// # Errors
-    /// [`Error::Numbers`] names a word that is no number.
+    /// [`Error::Numbers`] names a word that is not a number.
     pub fn of_text(text: &str) -> Result<Self, Error> {
         let words = text.split(|c: char| c.is_whitespace() || "[],;".contains(c)).filter(|word| !word.is_empty());
         let number = |word: &str| {
-            let what = || Error::Numbers(format!("'{}' is no number; write 3 or 4 rows of 4 numbers", shown(word, 20)));
+            let what =
+                || Error::Numbers(format!("'{}' is not a number; write 3 or 4 rows of 4 numbers", shown(word, 20)));
             word.parse().map_err(|_| what())
         };
         Self::of_matrix(&words.map(number).collect::<Result<Vec<f64>, _>>()?)

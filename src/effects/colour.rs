@@ -201,8 +201,8 @@ pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) 
     if long.is_empty() || most == 0 {
         let why = match (most, tracks.len()) {
             (0, _) => "no SH degree above 0 is allowed".to_owned(),
-            (_, 0) => format!("the scene has no points with tracks to tell by: up to degree {most}"),
-            _ => format!("no point is seen by {OBSERVED} photos to tell by: up to degree {most}"),
+            (_, 0) => format!("no points have tracks, so colours cannot be compared: up to degree {most}"),
+            _ => format!("no point is seen by {OBSERVED} photos, so colours cannot be compared: up to degree {most}"),
         };
         return Decision { degree: Some(most), ..Decision::plain(Effect::ViewDependence, most > 0, why) };
     }

@@ -43,12 +43,12 @@ pub fn dropout(set: &TrainingSet<'_>) -> Decision {
     let times = f64::from(set.iterations) / photos.max(1) as f64;
     let evidence = format!("each of {} is trained on {times:.0} times", counted(photos, "photo"));
     if hidden(set, AlphaRole::Alpha).0 > 0 {
-        let why = format!("{evidence}, but photos are transparent where Gaussians left out would leave holes");
+        let why = format!("{evidence}, but transparent photos would show holes where Gaussians are omitted");
         return Decision::plain(Effect::Dropout, false, why);
     }
     let evidence = format!("{evidence} in {} iterations", set.iterations);
     if photos > FEW_PHOTOS {
-        let why = format!("{evidence}, and more than {FEW_PHOTOS} photos need none");
+        let why = format!("{evidence}; runs on more than {FEW_PHOTOS} photos do not need dropout");
         return Decision::plain(Effect::Dropout, false, why);
     }
     Decision::by(Effect::Dropout, looks(set.iterations, photos), LOOKS, evidence)
@@ -86,12 +86,11 @@ pub fn depth(set: &TrainingSet<'_>) -> Decision {
 pub fn poses(set: &TrainingSet<'_>) -> Decision {
     let mut errors: Vec<f64> = set.scene.points.iter().map(|p| f64::from(p.error)).filter(|e| *e > 0.0).collect();
     if errors.is_empty() {
-        let why = "no point tells how well the photos' poses fit".to_owned();
+        let why = "the points have no reprojection errors".to_owned();
         return Decision::plain(Effect::Poses, false, why);
     }
     let (points, pixels) = (errors.len(), quantile(&mut errors, 0.5) * set.scale);
-    let evidence =
-        format!("{} miss their places in the photos by {pixels:.2} pixels (median)", counted(points, "point"));
+    let evidence = format!("the median reprojection error of {} is {pixels:.2} pixels", counted(points, "point"));
     Decision::by(Effect::Poses, pixels, MISPLACED, evidence)
 }
 
@@ -193,7 +192,7 @@ fn hidden(set: &TrainingSet<'_>, by: AlphaRole) -> (usize, f64) {
 pub fn transparency(set: &TrainingSet<'_>) -> Decision {
     let (photos, share) = hidden(set, AlphaRole::Alpha);
     let evidence = match photos {
-        0 => format!("less than {} % of all pixels is transparent", 100.0 * ALPHA_SHARE),
+        0 => format!("less than {} % of all pixels are transparent", 100.0 * ALPHA_SHARE),
         1 => format!("1 photo has transparent pixels, {:.1} % of all pixels", 100.0 * share),
         n => format!("{n} photos have transparent pixels, {:.1} % of all pixels", 100.0 * share),
     };

@@ -84,7 +84,7 @@ impl Overrides {
     pub fn check(&self) -> Result<(), String> {
         match self.0.keys().find(|effect| effect.trigger() == Trigger::Always) {
             Some(effect) => Err(format!(
-                "effect {} cannot be set: every view has uniforms of its own, at no cost: there is nothing to switch",
+                "effect {} cannot be set: every view always has its own uniforms, at no cost",
                 effect.name()
             )),
             None => Ok(()),

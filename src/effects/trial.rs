@@ -32,9 +32,7 @@ pub fn untold(decisions: &[Decision], effect: Effect) -> bool {
 /// colours fitted to one half of each withheld photo and scored on the other.
 pub fn exposure_by_trial([without, with]: [f64; 2]) -> Decision {
     let gain = with - without;
-    let evidence = format!(
-        "an exposure of each photo changes photos that a short training withheld by {gain:+.2} dB (from {without:.2})"
-    );
+    let evidence = format!("exposures change the PSNR of withheld photos by {gain:+.2} dB (from {without:.2})");
     Decision::by(Effect::Exposure, gain, GAIN, evidence)
 }
 

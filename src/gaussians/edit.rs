@@ -2,10 +2,23 @@
 
 use std::borrow::Cow;
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3, DVec4};
 use rayon::prelude::*;
 
 use super::{Attributes, BandRotations, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
+
+/// A quaternion all of whose components are smaller is normalised: pictures leave out lengths below 1e-6.
+const SHORT: f32 = 1e-5;
+
+/// Normalises a quaternion that is too short to be drawn, but not zero; whether it was one.
+pub(super) fn lengthen(quaternion: &mut [f32; 4]) -> bool {
+    let short = *quaternion != [0.0; 4] && quaternion.iter().all(|c| c.abs() < SHORT);
+    if short {
+        let exact = DVec4::from(quaternion.map(f64::from));
+        *quaternion = (exact / exact.length()).as_vec4().to_array();
+    }
+    short
+}
 
 impl Gaussians {
     /// A model of `n` Gaussians of SH degree `degree` whose stored values are all zero.
@@ -184,19 +197,25 @@ impl Gaussians {
     }
 
     /// The model, if its arrays agree and every Gaussian can be drawn and trained; for models that come from no reader,
-    /// since readers repair.
+    /// since readers repair. Rotations that are too short to be drawn are lengthened, as readers do.
     ///
     /// # Errors
     /// [`Error::Inconsistent`] names the array, or the first bad Gaussian and its fault.
-    pub fn checked(self) -> Result<Self, Error> {
+    pub fn checked(mut self) -> Result<Self, Error> {
         self.validate()?;
-        let wrong = |i: usize| !self.drawable(i) || self.opacity_logits[i].is_infinite();
+        for quaternion in &mut self.rotations {
+            lengthen(quaternion);
+        }
+        let sized = |log_scales: &[f32; 3]| log_scales.iter().all(|s| s.exp().is_finite());
+        let wrong = |i: usize| !self.drawable(i) || self.opacity_logits[i].is_infinite() || !sized(&self.log_scales[i]);
         let Some(i) = (0..self.len()).find(|i| wrong(*i)) else { return Ok(self) };
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
         let what = if !finite(&self.means[i]) {
             "its mean is not finite"
         } else if !finite(&self.log_scales[i]) {
             "its log_scales are not finite; the logarithm of a flat axis may be -20"
+        } else if !sized(&self.log_scales[i]) {
+            "its log_scales are too large: they are natural logarithms, and should be less than 88.7"
         } else if !finite(&[self.opacity_logits[i]]) {
             "its opacity_logit is not finite; -20 is transparent, and 20 opaque"
         } else if !finite(&self.rotations[i]) || self.drawable_turn(i) {
@@ -263,7 +282,11 @@ mod tests {
     fn models_from_arrays_are_checked() {
         let mut model = Gaussians::zeroed(3, 1);
         model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+        model.log_scales[2] = [88.0, -200.0, 0.0];
         assert_eq!(model.clone().checked().unwrap(), model);
+        let mut short = model.clone();
+        short.rotations[1] = [0.0, 3.0, 0.0, -4.0].map(|q| q * 2.0_f32.powi(-60));
+        assert_eq!(short.checked().unwrap().rotations[1], [0.0, 0.6, 0.0, -0.8]);
         let refused = |change: &dyn Fn(&mut Gaussians)| {
             let mut model = model.clone();
             change(&mut model);
@@ -272,6 +295,7 @@ mod tests {
         for (change, said) in [
             (&(|m: &mut Gaussians| m.means[1][2] = f32::NAN) as &dyn Fn(&mut Gaussians), "Gaussian 1: its mean"),
             (&|m| m.log_scales[2][0] = f32::NEG_INFINITY, "Gaussian 2: its log_scales"),
+            (&|m| m.log_scales[1][2] = 89.0, "Gaussian 1: its log_scales are too large"),
             (&|m| m.opacity_logits[0] = f32::INFINITY, "Gaussian 0: its opacity_logit"),
             (&|m| m.rotations[1] = [0.0; 4], "is zero"),
             (&|m| m.rotations[1][3] = f32::NAN, "rotation are not finite"),

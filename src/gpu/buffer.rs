@@ -240,7 +240,7 @@ impl<T: Pod> Buffer<T> {
     #[must_use]
     pub fn cast<U: Pod>(&self) -> Buffer<U> {
         let bytes = self.len * size_of::<T>();
-        assert!(bytes.is_multiple_of(size_of::<U>()), "{bytes} bytes are no whole number of elements");
+        assert!(bytes.is_multiple_of(size_of::<U>()), "{bytes} bytes are not a whole number of elements");
         Buffer { raw: self.raw.clone(), len: bytes / size_of::<U>(), element: PhantomData }
     }
 

@@ -32,7 +32,7 @@ pub(super) struct Modules {
     /// Whether modules declare that a subgroup that enters a construct as one leaves it as one: without it, SPIR-V says so of
     /// whole workgroups alone, and the subgroups of a tile walk loops of different lengths.
     pub reconverge: bool,
-    /// Which loops the driver is asked to leave as loops.
+    /// Loops that the driver is asked to leave as loops.
     pub loops: Loops,
 }
 
@@ -40,10 +40,10 @@ pub(super) struct Modules {
 /// what it unrolls, and gains nothing (decision 188).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Loops {
-    /// None.
+    /// No loops.
     #[default]
     Free,
-    /// Those that the shader does not ask to unroll.
+    /// Loops that the shader does not ask to unroll.
     Unmarked,
     /// All.
     Every,

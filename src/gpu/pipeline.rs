@@ -41,7 +41,7 @@ pub(super) struct Pipelines {
     made: Mutex<FxHashMap<&'static str, Variants>>,
     cache: vk::PipelineCache,
     file: Option<PathBuf>,
-    /// Of devices on which nothing runs.
+    /// Statistics of the kernels compiled for a device on which nothing runs.
     compiled: Mutex<Vec<Compiled>>,
 }
 

@@ -145,7 +145,7 @@ impl Diagnostics {
 
     fn parse(bytes: &[u8], model: &Gaussians) -> Result<Self, String> {
         let (_, header) =
-            SafeTensors::read_metadata(bytes).map_err(|e| format!("it is no whole safetensors file: {e}"))?;
+            SafeTensors::read_metadata(bytes).map_err(|e| format!("it is not a complete safetensors file: {e}"))?;
         let notes = header.metadata().as_ref().and_then(|notes| notes.get(NOTES)).ok_or("it holds no diagnostics")?;
         let notes: Notes = serde_json::from_str(notes).map_err(|e| format!("record {NOTES}: {e}"))?;
         let (n, given) = (notes.gaussians, model.len());
@@ -155,7 +155,8 @@ impl Diagnostics {
         if notes.model != crc32(model.bytes()) {
             return Err(format!("it is of another model, which also has {n} Gaussians"));
         }
-        let file = SafeTensors::deserialize(bytes).map_err(|e| format!("it is no whole safetensors file: {e}"))?;
+        let file =
+            SafeTensors::deserialize(bytes).map_err(|e| format!("it is not a complete safetensors file: {e}"))?;
         let record = |name: &str, dtype: Dtype| -> Result<Vec<u8>, String> {
             let record = file.tensor(name).map_err(|_| format!("record {name} is missing"))?;
             let fits = record.dtype() == dtype && record.shape() == [n];

@@ -106,7 +106,7 @@ pub enum Error {
     /// A picture that would be written into a photo folder of its scene.
     #[error("{} would lie among the scene's own photos", .0.display())]
     AmongPhotos(PathBuf),
-    /// None of these programs is installed.
+    /// No program of these is installed.
     #[error("{} not on the PATH", absent(.0))]
     NoProgram(Vec<&'static str>),
     /// A program that works for this one failed.
@@ -138,7 +138,7 @@ pub enum Error {
     )]
     OtherDevice { planned: String, here: String },
     /// Neither photos nor a video.
-    #[error("{} holds no photos (jpg, png, webp, tif, exr), and is no video (mp4, mov, mkv, webm, avi)", .0.display())]
+    #[error("{} holds no photos (jpg, png, webp, tif, exr), and is not a video (mp4, mov, mkv, webm, avi)", .0.display())]
     NothingToPose(PathBuf),
     /// A folder for poses that `pose` did not write.
     #[error("{} is not an output folder of `qirf-vk pose`", .0.display())]

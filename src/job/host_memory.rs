@@ -22,7 +22,7 @@ fn without_proc() -> Option<u64> {
     None
 }
 
-/// As [`physical`], on a system whose files are below `root`.
+/// The memory that [`physical`] returns, on a system whose files are below `root`.
 fn of(root: &Path) -> Option<u64> {
     let read = |path: &str| fs::read_to_string(root.join(path)).ok();
     let info = read("proc/meminfo")?;

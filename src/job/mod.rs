@@ -1,4 +1,4 @@
-//! What all jobs share: configuration, session and its watcher, the folder of results, records, and errors.
+//! Common parts of all jobs: configuration, session and its watcher, the folder of results, records, and errors.
 
 pub mod config;
 pub mod diagnostics;

@@ -19,7 +19,7 @@ pub struct LogLine {
     pub iterations: u32,
     /// Training and pruning until then, in seconds, as in the record's curve.
     pub seconds: f64,
-    /// Loss of the iteration, over one photo; null where it is no number.
+    /// Loss of the iteration, over one photo; null where it is not a number.
     pub loss: Option<f32>,
     /// Gaussians.
     pub gaussians: usize,
@@ -35,17 +35,17 @@ pub struct LogLine {
 /// Learning rates by attribute.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LoggedRates {
-    /// Of centres.
+    /// Learning rate of centres.
     pub means: f32,
-    /// Of logarithms of scales.
+    /// Learning rate of logarithms of scales.
     pub log_scales: f32,
-    /// Of quaternions.
+    /// Learning rate of quaternions.
     pub rotations: f32,
-    /// Of opacities' logits.
+    /// Learning rate of opacities' logits.
     pub opacity_logits: f32,
-    /// Of constant colours.
+    /// Learning rate of constant colours.
     pub sh0: f32,
-    /// Of all other bands.
+    /// Learning rate of all other bands.
     pub sh_rest: f32,
 }
 

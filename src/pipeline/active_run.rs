@@ -347,9 +347,9 @@ impl<'a> ActiveRun<'a> {
         let mut record = RunRecord { floaters, ..self.record(evaluated) };
         // The trainer is gone: there is room for the model's depths. As the evaluation before, this is not interrupted.
         let session = &Session { watcher: &Silent, ..*session };
-        let look = (prepared.settings(config.style), config.exposure);
+        let settings = prepared.settings(config.style);
         let held_out: Vec<_> = prepared.test.iter().map(|(_, photo)| photo).collect();
-        record.camera_errors = camera_errors(session, &model, &held_out, look)?;
+        record.camera_errors = camera_errors(session, &model, &held_out, settings, config.exposure)?;
         record.time.evaluate_s = evaluating.elapsed().as_secs_f64();
         record.time.total_s = setup.begun.elapsed().as_secs_f64();
         if let Some(note) = record.camera_errors.and_then(|errors| errors.note(config.poses)) {
@@ -378,7 +378,7 @@ impl<'a> ActiveRun<'a> {
             time: Times {
                 load_s: setup.load_s,
                 train_s: notes.seconds,
-                prune_s: notes.prunes.iter().map(|p| p.seconds.total).sum(),
+                prune_s: notes.prunes.iter().fold(0.0, |sum, p| sum + p.seconds.total),
                 stages_s: trainer.timings().iter().map(|(name, seconds, _)| (name, seconds)).collect(),
                 ..Times::default()
             },

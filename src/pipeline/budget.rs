@@ -182,7 +182,7 @@ impl Job {
         let &Self { what, gaussians, degree, size, uses, beside, needed, relief } = self;
         check_picture(size)?;
         let limit = device.memory_limit();
-        let whole = needed <= limit && binds(device, gaussians, degree, size, (uses, beside));
+        let whole = needed <= limit && binds(device, gaussians, degree, size, uses, beside);
         let tile = [device.tuning().tile; 2];
         let least = Resident::bytes(1, degree) + beside.each + Renderer::bytes(device, 1, tile, LEAST_PAIRS, uses);
         if !whole && least > limit {
@@ -251,7 +251,7 @@ impl CompressNeeds {
 /// Location of the model in a compression: on the device if it fits there in all stages except fine-tuning.
 ///
 /// # Errors
-/// As [`for_run`]: blocks that are solved, and Gaussians that are fine-tuned, must be on the device at once.
+/// The errors of [`for_run`]: blocks that are solved, and Gaussians that are fine-tuned, must be on the device at once.
 pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) -> Result<Place, Error> {
     let CompressNeeds { size, own_pictures, photos, masked, wanted, solver, style, trained } = needs;
     let (gaussians, degree) = (model.len(), model.degree());
@@ -260,7 +260,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     let pairs = pair_capacity::device_max(device, gaussians);
     let evaluates = resident + Evaluator::bytes(device, gaussians, size, style);
     let passes = if own_pictures {
-        virtual_views::bytes(device, gaussians, (size, pairs), style, wanted)
+        virtual_views::bytes(device, gaussians, size, pairs, style, wanted)
     } else {
         let photos = PhotoNeeds { size, bytes: &photos, masked };
         responses_bytes(device, gaussians, pairs, photos, (style, wanted))

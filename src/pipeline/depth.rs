@@ -63,7 +63,9 @@ impl DepthPainter {
     pub fn new(
         device: &Device,
         model: &Gaussians,
-        (settings, size, whole): (Settings, [u32; 2], bool),
+        settings: Settings,
+        size: [u32; 2],
+        whole: bool,
     ) -> Result<Self, Error> {
         let settings = Settings { background: [0.0; 3], ..settings };
         let model = coloured(model, vec![0.0; 3 * model.len()]);

@@ -21,11 +21,11 @@ impl<'a> DrawSource<'a> {
             return Ok(Self { model, resident: Some(Resident::upload(device, model)?) });
         }
         let (n, name) = (model.len(), &device.info().name);
-        watcher.note(&format!("pictures of {n} Gaussians are more than {name} holds at once: they are drawn in parts"));
+        watcher.note(&format!("{name} cannot hold {n} Gaussians at once: pictures are drawn in parts"));
         Ok(Self { model, resident: None })
     }
 
-    /// As [`Self::new`], for pictures of at most this size in a style.
+    /// Uploads a model as [`Self::new`] does, for pictures of at most this size in a style.
     ///
     /// # Errors
     /// Too little memory for the pictures' own buffers.

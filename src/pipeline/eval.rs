@@ -54,12 +54,12 @@ pub fn eval(
     let evaluating = Instant::now();
     let shown = DrawSource::new(session, model, place.whole)?;
     let renders = output.map(Output::renders);
-    let (mut assessment, mut evaluator) = assess(session, shown.source(), evaluation, (&prepared, renders.as_deref()))?;
+    let (mut assessment, mut evaluator) = assess(session, shown.source(), evaluation, &prepared, renders.as_deref())?;
     assessment.held_out.warn(watcher);
     assessment.frames_per_second = evaluator.frames_per_second(shown.source(), &prepared)?;
     drop((evaluator, shown));
     let held_out: Vec<_> = prepared.test.iter().map(|(_, photo)| photo).collect();
-    let camera_errors = camera_errors(session, model, &held_out, (prepared.settings(*style), *exposure))?;
+    let camera_errors = camera_errors(session, model, &held_out, prepared.settings(*style), *exposure)?;
     if let Some(note) = camera_errors.and_then(|errors| errors.note(true)) {
         watcher.note(&note);
     }
@@ -94,7 +94,7 @@ pub fn part(
     let place = budget::for_pictures(session.device, model, opened.size(), *style)?;
     let prepared = opened.load(session.photo_memory(&std::env::temp_dir()), session.watcher)?.holding_out(held_out);
     let shown = DrawSource::new(session, model, place.whole)?;
-    Ok(assess(session, shown.source(), evaluation, (&prepared, None))?.0)
+    Ok(assess(session, shown.source(), evaluation, &prepared, None)?.0)
 }
 
 /// Measures a model on these views, and writes pictures of those held out to a folder, if given.
@@ -102,7 +102,8 @@ fn assess(
     session: &Session<'_>,
     model: Source<'_>,
     evaluation: &Evaluation,
-    (prepared, renders): (&Prepared, Option<&Path>),
+    prepared: &Prepared,
+    renders: Option<&Path>,
 ) -> Result<(Assessment, Evaluator), Error> {
     let Session { device, networks, watcher, .. } = *session;
     let settings = prepared.settings(evaluation.style);
@@ -129,7 +130,7 @@ pub fn against(
     let size = camera::largest(&cameras);
     let test = {
         let original = DrawSource::for_pictures(session, original, size, original_style)?;
-        OwnPictures::draw(session, original.source(), cameras, settings, (false, ALL))?.test
+        OwnPictures::draw(session, original.source(), cameras, settings, false, ALL)?.test
     };
     let shown = DrawSource::for_pictures(session, model, size, style)?;
     let settings = Settings { near: settings.near, ..style.over(background) };

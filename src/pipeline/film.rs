@@ -21,7 +21,9 @@ const FILM: &str = "film.mp4";
 pub fn film(
     session: &Session<'_>,
     model: Gaussians,
-    (cameras, config, rate): (Vec<Camera>, &RenderConfig, f64),
+    cameras: Vec<Camera>,
+    config: &RenderConfig,
+    rate: f64,
     file: &Path,
 ) -> Result<RenderTimes, Error> {
     run(&["-version".to_owned()], Path::new("."), file)?;

@@ -23,7 +23,8 @@ use crate::train::{self, Options, Trainer};
 /// its means in the world.
 pub fn by_photos(
     session: &Session<'_>,
-    (model, mut origin): (&Gaussians, [f64; 3]),
+    model: &Gaussians,
+    mut origin: [f64; 3],
     selection: &Selection,
     style: Style,
 ) -> Result<Vec<Option<Reason>>, Error> {
@@ -43,7 +44,7 @@ pub fn by_photos(
             evidence
         } else {
             let shown = DrawSource::new(session, &left, place.whole)?;
-            of_photos(session, (&left, shown.source()), &prepared.train, settings)?
+            of_photos(session, &left, shown.source(), &prepared.train, settings)?
         };
         let reasons: Vec<Option<Reason>> = if round + 1 == Evidence::ROUNDS {
             evidence.floaters(&left)
@@ -66,7 +67,8 @@ pub fn by_photos(
 /// Evidence of photos on a model.
 fn of_photos(
     session: &Session<'_>,
-    (model, source): (&Gaussians, Source<'_>),
+    model: &Gaussians,
+    source: Source<'_>,
     photos: &[Photo],
     settings: Settings,
 ) -> Result<Evidence, Error> {
@@ -81,12 +83,12 @@ fn of_photos(
     };
     let mut evidence = Evidence::new(model.len(), true);
     train::responses_by_photo(session.device, source, photos, (&options, WANTED), |number, seen| {
-        add(session, (model, &mut evidence), photos, (number, &seen))
+        add(session, model, &mut evidence, photos, number, &seen)
     })?;
     Ok(evidence)
 }
 
-/// As [`by_photos`], in one round, of a trainer's model, which is `model`, by the photos that it trains on.
+/// Floaters in a trainer's model, which is `model`, by the photos that it trains on, in one round of [`by_photos`].
 pub fn of_training(
     session: &Session<'_>,
     model: &Gaussians,
@@ -94,16 +96,18 @@ pub fn of_training(
     photos: &[Photo],
 ) -> Result<Vec<Option<Reason>>, Error> {
     let mut evidence = Evidence::new(model.len(), true);
-    trainer.responses_by_photo(WANTED, |number, seen| add(session, (model, &mut evidence), photos, (number, &seen)))?;
+    trainer.responses_by_photo(WANTED, |number, seen| add(session, model, &mut evidence, photos, number, &seen))?;
     Ok(evidence.floaters(model))
 }
 
 /// Adds the evidence of a photo.
 fn add(
     session: &Session<'_>,
-    (model, evidence): (&Gaussians, &mut Evidence),
+    model: &Gaussians,
+    evidence: &mut Evidence,
     photos: &[Photo],
-    (number, seen): (usize, &Responses),
+    number: usize,
+    seen: &Responses,
 ) -> Result<(), Error> {
     evidence.add(model, &photos[number].camera, &seen.scores);
     session.watcher.progress(Stage::Responses, number + 1, photos.len());
@@ -113,8 +117,8 @@ fn add(
 /// Scores, with the residual.
 const WANTED: Wanted = Wanted { scores: true, residual: true, channels: false };
 
-/// As [`by_photos`], by a model's own pictures. The model agrees with them, so only the rules for a single camera and for
-/// isolated Gaussians apply.
+/// Floaters by a model's own pictures instead of photos ([`by_photos`]). The model agrees with them, so only the rules
+/// for a single camera and for isolated Gaussians apply.
 pub fn by_own_pictures(
     session: &Session<'_>,
     model: &Gaussians,
@@ -130,7 +134,7 @@ pub fn by_own_pictures(
     let quiet = Session { watcher: &Silent, ..*session }; // a pass over one camera is a step, and no stage
     for (number, camera) in cameras.iter().enumerate() {
         let one = std::slice::from_ref(camera);
-        let seen = virtual_views::responses(&quiet, shown.source(), (one, None), settings, Wanted::SCORES)?;
+        let seen = virtual_views::responses(&quiet, shown.source(), one, None, settings, Wanted::SCORES)?;
         evidence.add(model, camera, &seen.scores);
         session.watcher.progress(Stage::Responses, number + 1, cameras.len());
         session.watcher.unless_stopped()?;

@@ -98,7 +98,8 @@ fn bilinear(image: &Image, at: DVec2) -> [f32; 4] {
 pub fn draw(
     session: &Session<'_>,
     model: &Gaussians,
-    (panorama, config): (&Panorama, &RenderConfig),
+    panorama: &Panorama,
+    config: &RenderConfig,
     file: &Path,
 ) -> Result<RenderTimes, Error> {
     if !(2..=WIDEST).contains(&panorama.width) {

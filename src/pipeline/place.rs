@@ -8,7 +8,7 @@ use glam::DVec3;
 use std::path::Path;
 
 /// Moves the means of a model from the local origin `from` to a scene's.
-pub fn place(model: &mut Gaussians, from: &mut [f64; 3], (scene, images): (&Path, Option<&Path>)) -> Result<(), Error> {
+pub fn place(model: &mut Gaussians, from: &mut [f64; 3], scene: &Path, images: Option<&Path>) -> Result<(), Error> {
     let near = *from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO;
     if !near {
         let options = OpenOptions { images: images.map(Path::to_owned), ..OpenOptions::default() };
@@ -17,7 +17,8 @@ pub fn place(model: &mut Gaussians, from: &mut [f64; 3], (scene, images): (&Path
     Ok(())
 }
 
-/// As [`place`]. A model without a recorded origin is assumed to use the world's if that brings it closer to the scene.
+/// Variant of [`place`] for an open scene. A model without a recorded origin is assumed to use the world's if that
+/// brings it closer to the scene.
 pub fn place_in(model: &mut Gaussians, from: &mut [f64; 3], scene: &Scene) {
     let shift = shift_to(model, *from, scene);
     if shift != DVec3::ZERO {
@@ -37,7 +38,7 @@ pub fn shift_to(model: &Gaussians, from: [f64; 3], scene: &Scene) -> DVec3 {
 ///
 /// # Errors
 /// [`Error::Usage`] if the scene has fewer cameras.
-pub fn seen((model, from): (&Gaussians, [f64; 3]), scene: &Scene, least: usize) -> Result<Region, Error> {
+pub fn seen(model: &Gaussians, from: [f64; 3], scene: &Scene, least: usize) -> Result<Region, Error> {
     let (shift, there) = (shift_to(model, from, scene), scene.views.len());
     if least > there {
         let root = scene.root.display();

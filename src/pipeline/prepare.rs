@@ -274,10 +274,10 @@ impl Opened {
         self.scene.split(self.selection.eval_every).train.iter().map(pixels).collect()
     }
 
-    /// As [`Opened::load`], for jobs that need photos to train on.
+    /// Loads photos as [`Opened::load`] does, for jobs that need photos to train on.
     ///
     /// # Errors
-    /// As [`Opened::load`]; no photo to train on, or none of which masks leave anything.
+    /// The errors of [`Opened::load`]; no photo to train on, or none of which masks leave anything.
     pub fn load_to_train(self, memory: PhotoMemory<'_>, watcher: &(dyn Watcher + Sync)) -> Result<Prepared, Error> {
         let prepared = self.load(memory, watcher)?;
         if prepared.train.is_empty() {

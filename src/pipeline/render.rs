@@ -135,7 +135,7 @@ pub fn render(
     let whole = shown.is_whole();
     drop((painter, shown));
     if config.depth {
-        let mut painter = DepthPainter::new(session.device, &model, (config.settings, size, whole))?;
+        let mut painter = DepthPainter::new(session.device, &model, config.settings, size, whole)?;
         for shot in shots {
             session.watcher.unless_stopped()?;
             painter.draw(&shot.camera)?.write(&shot.path, depth::unit(config.settings.near))?;

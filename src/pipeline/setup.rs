@@ -70,7 +70,7 @@ impl<'a> Setup<'a> {
         let prepared = prepared.in_usual_unit();
         let trial = match &start {
             Start::Resumed(checkpoint) => checkpoint.notes.trial,
-            _ => trial(session, &config.decided(&decisions), (&prepared, &start), &decisions)?,
+            _ => trial(session, &config.decided(&decisions), &prepared, &start, &decisions)?,
         };
         if let Some(trial) = &trial {
             effects::try_out(&mut decisions, trial);

@@ -22,11 +22,12 @@ const WITHHELD: usize = 8;
 /// Trains for a short time, if nothing else tells of poses or exposures; twice for exposures. `config` has the decisions so far.
 ///
 /// # Errors
-/// As of training; [`Error::Interrupted`] without a checkpoint.
+/// The errors of training; [`Error::Interrupted`] without a checkpoint.
 pub fn trial(
     session: &Session<'_>,
     config: &RunConfig,
-    (prepared, start): (&Prepared, &Start),
+    prepared: &Prepared,
+    start: &Start,
     decisions: &[Decision],
 ) -> Result<Option<Trial>, Error> {
     let [exposure, poses] = [Effect::Exposure, Effect::Poses].map(|effect| untold(decisions, effect));
@@ -36,7 +37,9 @@ pub fn trial(
         return Ok(None);
     }
     let what = if exposure { "whether exposures differ" } else { "how well the poses fit" };
-    session.watcher.note(&format!("no point tells {what}: a trial of {iterations} iterations comes first"));
+    session
+        .watcher
+        .note(&format!("the points do not show {what}: the run begins with a trial of {iterations} iterations"));
     let (withheld, trained) = split(&prepared.train);
     let settings = prepared.settings(config.style);
     let short = Short { session, config, prepared, first: initialise(config, prepared, start)?, iterations };
@@ -55,7 +58,7 @@ pub fn trial(
             (model, exposed) = (learnt, true);
         }
     }
-    let cameras = camera_errors(session, &model, &withheld, (settings, exposed))?;
+    let cameras = camera_errors(session, &model, &withheld, settings, exposed)?;
     Ok(Some(Trial { iterations, exposures, cameras }))
 }
 

@@ -155,7 +155,7 @@ fn rounds(subjects: &mut [&mut Subject], turn: u32, until: Instant) -> Result<Ve
 
 /// Measures the variants that fit the device within about this time. `follow` receives what is done.
 ///
-/// Those that are faster are joined, and the fastest are measured once more: of many, one is always lucky the first time.
+/// Faster variants are joined, and the fastest are measured once more: of many, one is always lucky the first time.
 pub fn tune(device: &Device, within: Duration, mut follow: impl FnMut(&str)) -> Result<Tuned, Error> {
     let begun = Instant::now();
     let until = |share: f64| begun + within.mul_f64(share);

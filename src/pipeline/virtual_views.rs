@@ -98,7 +98,8 @@ impl OwnPictures {
         model: Source<'_>,
         cameras: Vec<Camera>,
         settings: Settings,
-        (with_train_pixels, held_out): (bool, Range<usize>),
+        with_train_pixels: bool,
+        held_out: Range<usize>,
     ) -> Result<Self, Error> {
         let mut painter = Painter::of(session.device, settings, model, camera::largest(&cameras))?;
         let (mut train, mut test) = (Vec::new(), Vec::new());
@@ -134,7 +135,8 @@ pub fn photo(image: &Image) -> Pixels {
 pub fn responses<'m>(
     session: &Session<'_>,
     model: impl Into<Source<'m>>,
-    (cameras, of): (&[Camera], Option<usize>),
+    cameras: &[Camera],
+    of: Option<usize>,
     settings: Settings,
     wanted: Wanted,
 ) -> Result<Responses, Error> {
@@ -146,8 +148,8 @@ pub fn responses<'m>(
     };
     let wanted = Wanted { residual: false, ..wanted };
     let size = camera::largest(cameras);
-    let mut renderer =
-        response::renderer(device, settings, model, (size, pair_capacity::initial(device, model.len())), wanted)?;
+    let pairs = pair_capacity::initial(device, model.len());
+    let mut renderer = response::renderer(device, settings, model, size, pairs, wanted)?;
     let pixels = wanted.gradient_pixels(size);
     let gradient = device.buffer("image gradient", pixels)?;
     let high_pass = HighPass::new(device, pixels)?;
@@ -159,7 +161,7 @@ pub fn responses<'m>(
 }
 
 /// Bytes of device memory that [`responses`] takes besides the model and the results ([`Wanted::bytes`]).
-pub fn bytes(device: &Device, gaussians: usize, (size, pairs): ([u32; 2], u32), style: Style, wanted: Wanted) -> u64 {
+pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], pairs: u32, style: Style, wanted: Wanted) -> u64 {
     let pixels = wanted.gradient_pixels(size);
     let pictures = device.bytes_of(|counts| {
         counts.buffer::<[f32; 4]>("image gradient", pixels)?;

@@ -267,7 +267,7 @@ fn text_row(element: &Element, line: &[u8], rows: &mut Vec<u8>) -> Result<(), St
 }
 
 fn push_value(property: &Property, word: &str, rows: &mut Vec<u8>) -> Result<(), String> {
-    let bad = || format!("`{}` is no value for property `{}`", word.escape_default(), property.name);
+    let bad = || format!("`{}` is not a value of property `{}`", word.escape_default(), property.name);
     match property.kind {
         Kind::F32 => rows.extend(word.parse::<f32>().map_err(|_| bad())?.to_le_bytes()),
         Kind::F16 => {

@@ -78,7 +78,7 @@ impl Rig {
     /// Reads the file; a fault is its record and what is wrong.
     fn read(text: String, names: &[String]) -> Result<Self, (String, String)> {
         let rigs: Vec<Listed> =
-            serde_json::from_str(&text).map_err(|e| ("the file".to_owned(), format!("is no list of rigs: {e}")))?;
+            serde_json::from_str(&text).map_err(|e| ("the file".to_owned(), format!("is not a list of rigs: {e}")))?;
         for (n, rig) in (1..).zip(&rigs) {
             if rig.cameras.iter().filter(|camera| camera.ref_sensor).count() != 1 {
                 return Err((format!("rig {n}"), "needs one camera with \"ref_sensor\": true".to_owned()));

@@ -99,9 +99,9 @@ fn one_of(frames: &[usize]) -> String {
 
 /// The names of options that this version of ffmpeg knows.
 struct Spelling {
-    /// That which passes on every frame as it is.
+    /// Option that passes on every frame as it is.
     timing: &'static str,
-    /// That which names a file with the filter.
+    /// Option that names a file with the filter.
     script: &'static str,
 }
 

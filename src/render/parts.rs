@@ -82,7 +82,7 @@ impl Outcome {
 pub struct Beside {
     /// Bytes per Gaussian.
     pub each: u64,
-    /// Of these, bytes per Gaussian in the widest array.
+    /// Bytes per Gaussian in the widest array, included in `each`.
     pub row: u64,
     /// Other bytes.
     pub taken: u64,
@@ -116,7 +116,7 @@ pub fn largest(limit: usize, fits: impl Fn(usize) -> bool) -> usize {
 
 /// Whether the device can bind a picture of `size`, and each array of `n` Gaussians of this SH degree, of their
 /// renderer and of `beside`.
-pub fn binds(device: &Device, n: usize, degree: usize, size: [u32; 2], (uses, beside): (Uses, Beside)) -> bool {
+pub fn binds(device: &Device, n: usize, degree: usize, size: [u32; 2], uses: Uses, beside: Beside) -> bool {
     let (limit, pixels) = (device.info().max_buffer_bytes, u64::from(size[0]) * u64::from(size[1]));
     widest(n, degree, uses, beside) <= limit && picture_bytes(pixels) <= limit
 }
@@ -263,7 +263,7 @@ impl Painter {
         }
     }
 
-    /// As [`Renderer::with_medians`].
+    /// A painter whose renderer is one [`Renderer::with_medians`].
     #[must_use]
     pub fn with_medians(self) -> Self {
         Self { renderer: self.renderer.with_medians(), ..self }

@@ -38,8 +38,8 @@ pub enum Settled {
 /// The capacities of a renderer before [`Renderer::release`].
 #[derive(Clone, Copy, Debug)]
 pub struct Released {
-    /// Pixels and tiles.
-    picture: (usize, usize),
+    pixels: usize,
+    tiles: usize,
     pairs: u32,
 }
 
@@ -67,14 +67,15 @@ impl Renderer {
     /// A renderer with room for `gaussians` and one `width` x `height` picture.
     pub fn new(device: &Device, settings: Settings, gaussians: usize, width: u32, height: u32) -> Result<Self> {
         let pairs = (gaussians as u32).saturating_mul(4).max(LEAST_PAIRS);
-        Self::with(device, settings, gaussians, ([width, height], pairs), Purpose::Pictures)
+        Self::with(device, settings, gaussians, [width, height], pairs, Purpose::Pictures)
     }
 
     pub(super) fn with(
         device: &Device,
         settings: Settings,
         gaussians: usize,
-        ([width, height], pairs): ([u32; 2], u32),
+        [width, height]: [u32; 2],
+        pairs: u32,
         purpose: Purpose,
     ) -> Result<Self> {
         let launch = Launch::new(device, settings);
@@ -186,7 +187,7 @@ impl Renderer {
             let (gaussians, pairs) = (model.len.max(self.gaussians), self.frame.pairs.count.limit());
             let tiles = tiles.max(self.frame.tiles());
             self.release()?;
-            self.rebuild(gaussians, (pixels.max(had), tiles), pairs)?;
+            self.rebuild(gaussians, pixels.max(had), tiles, pairs)?;
         }
         Ok(())
     }
@@ -194,17 +195,17 @@ impl Renderer {
     /// Frees the buffers until [`Renderer::restore`], so that other work has memory.
     pub fn release(&mut self) -> Result<Released> {
         let (pixels, tiles) = (self.frame.image.len(), self.frame.tiles());
-        let released = Released { picture: (pixels, tiles), pairs: self.frame.pairs.count.limit() };
-        self.rebuild(1, (1, 1), 1)?;
+        let released = Released { pixels, tiles, pairs: self.frame.pairs.count.limit() };
+        self.rebuild(1, 1, 1, 1)?;
         Ok(released)
     }
 
     /// Restores room for pictures and pairs as before [`Renderer::release`], and for `gaussians` Gaussians.
     pub fn restore(&mut self, released: Released, gaussians: usize) -> Result<()> {
-        self.rebuild(gaussians, released.picture, released.pairs)
+        self.rebuild(gaussians, released.pixels, released.tiles, released.pairs)
     }
 
-    fn rebuild(&mut self, gaussians: usize, (pixels, tiles): (usize, usize), pairs: u32) -> Result<()> {
+    fn rebuild(&mut self, gaussians: usize, pixels: usize, tiles: usize, pairs: u32) -> Result<()> {
         self.frame = Frame::new(&self.device, gaussians, pixels, tiles, pairs, self.uses)?;
         self.gaussians = gaussians;
         Ok(())

@@ -43,7 +43,7 @@ impl AsMut<Renderer> for TrainingRenderer {
 impl TrainingRenderer {
     /// A renderer with room for `gaussians`, one picture of `size` (width and height), and initially `pairs` (tile, Gaussian) pairs.
     pub fn new(device: &Device, settings: Settings, gaussians: usize, size: [u32; 2], pairs: u32) -> Result<Self> {
-        Self::with(device, settings, gaussians, (size, pairs), Purpose::Training)
+        Self::with(device, settings, gaussians, size, pairs, Purpose::Training)
     }
 
     /// The same for scores alone, without room for gradients by the model: [`Self::record_backward`] must not be called.
@@ -54,17 +54,18 @@ impl TrainingRenderer {
         size: [u32; 2],
         pairs: u32,
     ) -> Result<Self> {
-        Self::with(device, settings, gaussians, (size, pairs), Purpose::Scores)
+        Self::with(device, settings, gaussians, size, pairs, Purpose::Scores)
     }
 
     fn with(
         device: &Device,
         settings: Settings,
         gaussians: usize,
-        sizes: ([u32; 2], u32),
+        size: [u32; 2],
+        pairs: u32,
         purpose: Purpose,
     ) -> Result<Self> {
-        let renderer = Renderer::with(device, settings, gaussians, sizes, purpose)?;
+        let renderer = Renderer::with(device, settings, gaussians, size, pairs, purpose)?;
         Ok(Self { renderer, guards: device.upload("guards", &[0, 0])? })
     }
 

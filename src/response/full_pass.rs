@@ -138,7 +138,8 @@ impl<G> Pass<'_, G> {
         renderer: &mut TrainingRenderer,
         gathered: &Gathered,
         model: &Resident,
-        (v, camera): (usize, &Camera),
+        v: usize,
+        camera: &Camera,
     ) -> std::result::Result<Outcome, E>
     where
         G: FnMut(&mut Recording, usize, &Buffer<[f32; 4]>, Term) -> std::result::Result<(), E>,
@@ -192,9 +193,9 @@ impl<G> Pass<'_, G> {
                 let gathered = Gathered::zeros(device, model.len, self.wanted)?;
                 for chunk in views.chunks(CHUNK) {
                     gathered.clear(device)?;
-                    for &view in chunk {
-                        follow(view.0)?;
-                        if let Outcome::TooMany(error) = self.view(renderer, &gathered, model, view)? {
+                    for &(v, camera) in chunk {
+                        follow(v)?;
+                        if let Outcome::TooMany(error) = self.view(renderer, &gathered, model, v, camera)? {
                             return Err(error.into());
                         }
                     }
@@ -213,7 +214,7 @@ impl<G> Pass<'_, G> {
                                     Ok(gathered) => gathered,
                                     Err(too_many) => return Ok(too_many),
                                 };
-                            let outcome = self.view(renderer, &gathered, part.model, (v, &part.camera))?;
+                            let outcome = self.view(renderer, &gathered, part.model, v, &part.camera)?;
                             if matches!(outcome, Outcome::Done) {
                                 rows.set(part.members, &gathered.read(device, self.gather)?);
                             }
@@ -235,7 +236,8 @@ pub fn renderer(
     device: &Device,
     settings: Settings,
     model: Source<'_>,
-    (size, pairs): ([u32; 2], u32),
+    size: [u32; 2],
+    pairs: u32,
     wanted: Wanted,
 ) -> Result<TrainingRenderer> {
     let (gaussians, size, pairs) = match model {

@@ -61,7 +61,7 @@ impl ResidentResponses {
     /// Records the responses of a view, after its [`TrainingRenderer::record_backward`] with
     /// [`residual`](crate::render::Backward::residual).
     ///
-    /// As in training, nothing changes if the view's pairs did not fit.
+    /// Nothing changes if the view's pairs did not fit, as in training.
     pub fn record(
         &self,
         recording: &mut Recording,

@@ -2,6 +2,7 @@
 //! over chunks, on the host.
 
 use super::{CHANNELS, Responses, Score, Wanted};
+use rayon::prelude::*;
 
 /// Numbers per score.
 const SCORES: usize = size_of::<Score>() / size_of::<f32>();
@@ -56,24 +57,24 @@ impl Sums {
 
     /// Adds the values of a chunk.
     pub fn add(&mut self, chunk: &Rows) {
-        for (sum, row) in self.channels.iter_mut().zip(&chunk.channels) {
+        self.channels.par_iter_mut().zip(&chunk.channels).for_each(|(sum, row)| {
             sum.iter_mut().zip(row).for_each(|(sum, x)| *sum += f64::from(*x));
-        }
-        for (sum, score) in self.scores.iter_mut().zip(&chunk.scores) {
+        });
+        self.scores.par_iter_mut().zip(&chunk.scores).for_each(|(sum, score)| {
             let row: &[f32; SCORES] = bytemuck::cast_ref(score);
             for (k, (sum, x)) in sum.iter_mut().zip(row).enumerate() {
                 let x = f64::from(*x);
                 *sum = if k == PEAK { sum.max(x) } else { *sum + x };
             }
-        }
+        });
     }
 
     /// The sums, rounded once.
     pub fn rounded(self) -> Rows {
         let score = |row: [f64; SCORES]| -> Score { bytemuck::cast(row.map(|x| x as f32)) };
         Rows {
-            channels: self.channels.into_iter().map(|row| row.map(|x| x as f32)).collect(),
-            scores: self.scores.into_iter().map(score).collect(),
+            channels: self.channels.into_par_iter().map(|row| row.map(|x| x as f32)).collect(),
+            scores: self.scores.into_par_iter().map(score).collect(),
         }
     }
 }

@@ -153,18 +153,37 @@ pub fn load_photos(
     }
     let without_mask = (0..loaded.len()).filter(|at| loaded[*at].2[0]).collect();
     let [hidden, even] = [1, 2].map(|of| loaded.iter().filter(|(.., flags)| flags[of]).count());
+    let is_blank = |(photo, transparent, _): &&(Result<Photo, Error>, f64, _)| {
+        photo.as_ref().is_ok_and(|photo| *transparent >= photo.camera.pixels() as f64)
+    };
+    let blank = loaded.iter().filter(is_blank).count();
     let mut photos: Vec<_> = loaded.into_iter().map(|(photo, ..)| photo).collect();
     let alpha_role = AlphaRole::of(photos.iter().flatten());
     photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
-    let notes =
-        (announced && has_masks).then(|| "the photos have alpha, which counts: their masks are not used".to_owned());
-    let hidden = (hidden > 0).then(|| {
-        format!("{} hidden as a whole by their masks: what is black in a mask does not count", counted(hidden, "photo"))
-    });
-    let even =
-        (even > 0).then(|| format!("{} with the same alpha everywhere: taken as opaque", counted(even, "photo")));
-    let notes = notes.into_iter().chain(hidden).chain(even).collect();
+    let share = Some(share).filter(|_| alpha_role == AlphaRole::Alpha && options.alpha.is_none());
+    let notes = notes(announced && has_masks, hidden, even, share, blank);
     Ok(LoadedPhotos { photos, notes, without_mask })
+}
+
+/// What users should know of alpha and masks: that `masks` are not used, the numbers of photos that are `hidden` as a whole, have the
+/// same alpha everywhere (`even`) or are `blank`, and the share of transparent pixels if alpha counts without having been requested.
+fn notes(masks: bool, hidden: usize, even: usize, transparent: Option<f64>, blank: usize) -> Vec<String> {
+    let photos = |count: usize, what: &str| (count > 0).then(|| format!("{} {what}", counted(count, "photo")));
+    let counts = transparent.map(|share| {
+        let share = 100.0 * share;
+        format!(
+            "{share:.1} % of the photos' pixels are transparent: alpha counts, on white unless another background is given"
+        )
+    });
+    let blank = counts.as_ref().and_then(|_| photos(blank, "transparent everywhere"));
+    masks
+        .then(|| "the photos have alpha, which counts: their masks are not used".to_owned())
+        .into_iter()
+        .chain(photos(hidden, "hidden as a whole by their masks: what is black in a mask does not count"))
+        .chain(photos(even, "with the same alpha everywhere: taken as opaque"))
+        .chain(counts)
+        .chain(blank)
+        .collect()
 }
 
 /// Tells that one photo more is done.

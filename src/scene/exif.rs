@@ -1,4 +1,4 @@
-//! Camera and exposure in a photo's EXIF header.
+//! Camera, exposure and rotation in a photo's EXIF header.
 
 use super::image_size::image_size;
 use super::view::View;
@@ -14,6 +14,12 @@ impl View {
         let header = header(&self.image)?;
         let [time, aperture] = [Tag::ExposureTime, Tag::FNumber].map(|tag| positive(&header, tag));
         Some((time? * positive(&header, Tag::PhotographicSensitivity)? / aperture?.powi(2)).log2())
+    }
+
+    /// True if the photo's header says that it is to be turned or mirrored before it is shown.
+    pub fn has_exif_rotation(&self) -> bool {
+        let orientation = header(&self.image).and_then(|header| positive(&header, Tag::Orientation));
+        orientation.is_some_and(|orientation| orientation > 1.0 && orientation < 9.0)
     }
 }
 

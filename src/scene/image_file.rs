@@ -1,12 +1,14 @@
 //! Files of photos and masks, decoded to bytes.
 
 use std::collections::HashSet;
-use std::io::Cursor;
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
-use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, RgbaImage};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, RgbaImage};
 
 use super::error::Error;
+use super::image_size::picture_reader;
 use super::jpeg::lacks_data;
 
 /// Decodes a photo or a mask.
@@ -17,8 +19,12 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
     if let Some(format) = unread(&bytes) {
         let name = path.file_name().unwrap_or_default().display();
-        let convert = format!("convert it, with ImageMagick by `magick mogrify -format jpg -quality 95 {name}`");
-        return Err(Error::unread(path, format!("is {format}, which is not read: {convert}")));
+        let remedy = if format == GZIPPED {
+            format!("unpack it by `gzip -dc < {name} > unpacked && mv unpacked {name}`")
+        } else {
+            format!("convert it, with ImageMagick by `magick mogrify -format jpg -quality 95 {name}`")
+        };
+        return Err(Error::unread(path, format!("is {format}, which is not read: {remedy}")));
     }
     if bytes.starts_with(LFS_POINTER) {
         return Err(Error::unread(path, IS_LFS_POINTER));
@@ -29,7 +35,7 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     if bytes.trim_ascii_start().starts_with(b"<") {
         return Err(Error::photo(path, "is text, perhaps a web page: download the photo again"));
     }
-    let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| Error::io(path, e))?;
+    let reader = picture_reader(Cursor::new(&bytes)).map_err(|e| Error::io(path, e))?;
     let (is_known, is_exr) = (reader.format().is_some(), reader.format() == Some(ImageFormat::OpenExr));
     let decoded = reader.decode().map_err(|e| {
         if is_known && matches!(e, image::ImageError::Unsupported(_)) {
@@ -89,7 +95,7 @@ fn too_bright(decoded: &DynamicImage) -> bool {
 /// A photo in 8 bits a channel, as it is trained on, if it has more; not every program reads those.
 ///
 /// # Errors
-/// As of [`decode`].
+/// The errors of [`decode`].
 #[cfg(feature = "pose")]
 pub(crate) fn in_eight_bits(path: &Path) -> Result<Option<DynamicImage>, Error> {
     let is_deep = |kind: &ColorType| kind.bytes_per_pixel() > kind.channel_count();
@@ -105,8 +111,23 @@ pub(super) const IS_LFS_POINTER: &str = "is a Git LFS pointer, without the file'
 
 /// The channels that a picture's header announces.
 pub(super) fn color_type(path: &Path) -> Option<ColorType> {
-    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).ok()?;
+    let reader = File::open(path).and_then(|file| picture_reader(BufReader::new(file))).ok()?;
     Some(reader.into_decoder().ok()?.color_type())
+}
+
+/// True if a photo's header tells a format that is not read, or, of a TIFF, an encoding that is not.
+pub(super) fn is_unread(path: &Path) -> bool {
+    let mut start = Vec::new();
+    if File::open(path).and_then(|file| file.take(16).read_to_end(&mut start)).is_err() {
+        return false;
+    }
+    unread(&start).is_some()
+        || match image::guess_format(&start) {
+            // A TIFF's header tells its encoding; a JPEG's decoder would read the whole file.
+            Ok(ImageFormat::Tiff) => color_type(path).is_none(),
+            Ok(format) => !format.reading_enabled(),
+            Err(_) => false,
+        }
 }
 
 /// The bytes of a mask: grey, or, where that is the same throughout or a picture, alpha; else both together. Alpha that is the same
@@ -192,6 +213,9 @@ pub(super) fn to_bytes(decoded: DynamicImage) -> RgbaImage {
     })
 }
 
+/// The name of gzip's format, which programs that convert photos do not read.
+const GZIPPED: &str = "compressed by gzip";
+
 /// The name of a format that is not read, by the first bytes of a file.
 fn unread(bytes: &[u8]) -> Option<&'static str> {
     let brand = if bytes.get(4..8) == Some(b"ftyp") { bytes.get(8..12) } else { None };
@@ -202,7 +226,7 @@ fn unread(bytes: &[u8]) -> Option<&'static str> {
         ([0xff, 0x0a, ..] | [0, 0, 0, 12, b'J', b'X', b'L', b' ', ..], _) => Some("JPEG XL"),
         ([0, 0, 0, 12, b'j', b'P', ..] | [0xff, 0x4f, 0xff, 0x51, ..], _) => Some("JPEG 2000"),
         ([b'B', b'M', ..], _) => Some("BMP"),
-        ([0x1f, 0x8b, ..], _) => Some("compressed by gzip"),
+        ([0x1f, 0x8b, ..], _) => Some(GZIPPED),
         _ => None,
     }
 }

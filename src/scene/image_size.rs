@@ -1,10 +1,23 @@
 //! The size of a photo, read from its header alone.
 
 use std::fs::File;
-use std::io::{BufReader, Error, ErrorKind, Read};
+use std::io::{BufRead, BufReader, Error, ErrorKind, Read, Seek};
 use std::path::Path;
 
-/// Width and height in pixels as the header of a JPEG, PNG or WebP file states them; EXIF orientation is ignored.
+use image::{ImageFormat, ImageReader};
+
+/// A reader of a picture in the format of its first bytes. The `image` crate reads BigTIFF, but does not know its beginning.
+pub(super) fn picture_reader<R: BufRead + Seek>(mut file: R) -> Result<ImageReader<R>, Error> {
+    let start = file.fill_buf()?;
+    let is_big_tiff = start.starts_with(b"II+\0") || start.starts_with(b"MM\0+");
+    let mut reader = ImageReader::new(file).with_guessed_format()?;
+    if is_big_tiff {
+        reader.set_format(ImageFormat::Tiff);
+    }
+    Ok(reader)
+}
+
+/// Width and height in pixels as the header of a photo states them; EXIF orientation is ignored.
 pub(crate) fn image_size(path: &Path) -> Result<(u32, u32), Error> {
     let mut file = BufReader::with_capacity(4096, File::open(path)?);
     let mut magic = [0; 2];
@@ -12,8 +25,8 @@ pub(crate) fn image_size(path: &Path) -> Result<(u32, u32), Error> {
     if magic == [0xff, 0xd8] {
         return jpeg_size(&mut file);
     }
-    let reader = image::ImageReader::open(path)?.with_guessed_format()?;
-    reader.into_dimensions().map_err(|e| Error::new(ErrorKind::InvalidData, e))
+    file.seek_relative(-2)?;
+    picture_reader(file)?.into_dimensions().map_err(|e| Error::new(ErrorKind::InvalidData, e))
 }
 
 /// Walks from marker to marker up to the frame header, or to the end of the file.

@@ -45,7 +45,7 @@ struct Image {
 }
 
 impl Image {
-    /// None if the file ends before its first scan.
+    /// Reads the headers up to the first scan; none if the file ends before it.
     fn of(bytes: &[u8]) -> Option<Self> {
         let mut image =
             Self { progressive: false, size: (0, 0), components: Vec::new(), restart: 0, data: 0, in_scan: 0 };

@@ -140,12 +140,20 @@ fn unusable(view: &View, skipped: &mut Skipped) -> Option<String> {
     let photo = view.image.display();
     if !view.image.is_file() {
         skipped.missing_images.add_photo(view);
-        return Some(format!("{photo} does not exist"));
+        // Of the first alone, which is the one that is told.
+        let instead = if skipped.missing_images.count == 1 { readers::only_unread(&view.image) } else { None };
+        return Some(match instead {
+            Some(instead) => format!("{photo}: {instead}"),
+            None => format!("{photo} does not exist"),
+        });
     }
     let (width, height) = view.mismatched()?;
     skipped.mismatched_images.add_photo(view);
     let turned = view.lens.fits(height, width);
-    let remedy = if turned { ": EXIF rotation is ignored, store it as the camera saw it" } else { "" };
+    if turned {
+        skipped.turned_images.add_photo(view);
+    }
+    let remedy = if turned { format!(", {}", skipped::TURNED) } else { String::new() };
     Some(format!("{photo} is {width} x {height}, not its camera's shape{remedy}"))
 }
 
@@ -171,7 +179,8 @@ impl Scene {
 
     /// True if [`Scene::require_photos`] leaves a view.
     pub fn has_photos(&self) -> bool {
-        self.views.iter().any(|view| unusable(view, &mut Skipped::default()).is_none())
+        let mut skipped = Skipped::default();
+        self.views.iter().any(|view| unusable(view, &mut skipped).is_none())
     }
 
     /// Drops the views for which there is a reason.

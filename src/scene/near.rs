@@ -57,7 +57,10 @@ pub(super) fn size(views: &[View], points: &[Point]) -> f64 {
     let depth = |view: &View, point: &Point| view.camera.depth(point.position);
     let depths = points.iter().flat_map(|point| {
         let seen = point.track.iter().filter_map(|v| views.get(*v as usize));
-        let looks = few.clone().filter(|_| point.track.is_empty());
+        // A photo that was cut is in front of everything by one of its parts.
+        let looks = few
+            .clone()
+            .filter(|view| point.track.is_empty() && (view.face.is_none() || view.camera.shows(point.position)));
         seen.chain(looks).map(|view| depth(view, point)).filter(|z| *z > 0.0)
     });
     let mut lengths: Vec<f64> = depths.collect();

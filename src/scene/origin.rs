@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::{Scene, camera};
+use super::{Point, Scene, camera};
 
 /// Minimum ratio of a scene's distance from the origin to its size for a local origin; below it, float32 resolves a
 /// hundred-thousandth of the size.
@@ -38,6 +38,15 @@ impl Scene {
         let origin = near(camera::mean_centre(cameras()), size);
         if origin == DVec3::ZERO {
             return self;
+        }
+        let farthest = self.points.iter().fold(0.0_f64, |most, point| most.max(point.position.abs().max_element()));
+        let step = f64::from(f32::EPSILON) * farthest;
+        let single = |point: &Point| point.position.as_vec3().as_dvec3() == point.position;
+        if step > 0.0 && self.points.iter().all(single) {
+            self.skipped.notes.push(format!(
+                "points are float32 numbers, which have steps of {step:.1e} units so far from the origin: export doubles or local \
+                 coordinates"
+            ));
         }
         for view in &mut self.views {
             view.camera = view.camera.relative_to(origin);

@@ -1,4 +1,4 @@
-//! Which photos of a capture see the same points.
+//! Groups of photos of a capture that see the same points.
 
 use super::Scene;
 

@@ -11,7 +11,7 @@ use super::pixels::Pixels;
 /// Meaning of the fourth byte of a photo's pixels; the same for all photos of a capture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AlphaRole {
-    /// None: the byte is 255 throughout.
+    /// No meaning: the byte is 255 throughout.
     #[default]
     Opaque,
     /// Opacity over the background.

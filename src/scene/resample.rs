@@ -153,8 +153,8 @@ pub(crate) fn undistort<const C: usize>(source: &Raster<C>, lens: &Lens, camera:
     Raster { width: camera.width, height: camera.height, pixels }
 }
 
-/// What `camera`, of a face, sees of a photo: each output pixel averages n x n samples, n about the number of source pixels
-/// along its side in the middle. `lens` must have the photo's size.
+/// The part of a photo that `camera`, of a face, sees: each output pixel averages n x n samples, n about the number of
+/// source pixels along its side in the middle. `lens` must have the photo's size.
 pub(crate) fn cut<const C: usize>(
     source: &Raster<C>,
     (lens, face): (&Lens, &Face),
@@ -204,8 +204,8 @@ fn bilinear<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool, closed: b
     })
 }
 
-/// As [`bilinear`], by the cubic of Catmull and Rom through four pixels a side: sharper where a pixel is about as large as the
-/// source's.
+/// The value of [`bilinear`], but by the cubic of Catmull and Rom through four pixels a side: sharper where a pixel is
+/// about as large as the source's.
 fn cubic<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool, closed: bool) -> [f32; C] {
     let (width, height) = (source.width as i64, source.height as i64);
     let at = at - 0.5;

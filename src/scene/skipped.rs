@@ -6,6 +6,10 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+/// The cause of another shape in a photo that is turned by 90° against its camera, and the remedy.
+pub(super) const TURNED: &str = "turned by 90°: EXIF rotation is ignored; store photos as the camera saw them \
+                                 (`magick mogrify -auto-orient`), or pose the stored pixels";
+
 /// Number of names kept as examples.
 const EXAMPLES: usize = 5;
 
@@ -56,6 +60,8 @@ pub struct Skipped {
     pub missing_images: Names,
     /// Views whose photo has another shape than their camera.
     pub mismatched_images: Names,
+    /// Those of them that would have their camera's shape if they were turned by 90°.
+    pub turned_images: Names,
     /// Views whose photo is damaged.
     pub damaged_images: Names,
     /// Views whose photo is in a format that is not read, or only stands for a photo.
@@ -130,6 +136,8 @@ impl Skipped {
             .filter(|(names, ..)| names.count > 0)
             .map(|(names, noun, what)| format!("{} {what} ({names})", counted(names.count, noun)))
             .collect();
+        let turned = self.turned_images.count;
+        lines.extend((turned > 0).then(|| format!("{} of another shape {TURNED}", counted(turned, "photo"))));
         let points = self.bad_points;
         lines.extend((points > 0).then(|| format!("{} not finite", counted(points, "point"))));
         let points = self.repeated_points;

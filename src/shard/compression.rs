@@ -58,7 +58,8 @@ impl CompressPlan {
     pub fn plan(
         session: &Session<'_>,
         path: &Path,
-        (model, origin): (&Gaussians, [f64; 3]),
+        model: &Gaussians,
+        origin: [f64; 3],
         config: CompressConfig,
     ) -> Result<Self, Error> {
         if config.fine_tune > 0 {
@@ -122,24 +123,19 @@ impl CompressPlan {
         let config = &self.config;
         match (task.stage, task.part) {
             (Stage::Evidence, Some(chunk)) => {
-                let responses = stages::evidence(session, &self.model()?, config, (chunk, &self.photos[0], None))?;
+                let responses = stages::evidence(session, &self.model()?, config, chunk, &self.photos[0], None)?;
                 Ok(vec![files.part_bytes(task, responses)?])
             }
             (Stage::Choose, _) => {
                 let parts = self.evidence().map(|part| Ok(files.part(part, self.gaussians)?.responses(self.gaussians)));
                 let model = self.model()?;
-                let (prune, model) = stages::choose(session, &model, (config, &self.photos[0]), parts)?.apply(model);
-                files.with_model(task, &model, (config.style.mode(), self.origin), Chosen { prune: prune.timeless() })
+                let (prune, model) = stages::choose(session, &model, config, &self.photos[0], parts)?.apply(model);
+                files.with_model(task, &model, config.style.mode(), self.origin, Chosen { prune: prune.timeless() })
             }
             (Stage::Score, Some(n)) => {
                 let (compressed, _) = files.model::<Chosen>(CHOOSE)?;
-                let views = stages::score(
-                    session,
-                    &self.model()?,
-                    &compressed,
-                    config,
-                    (self.scores().part(n), &self.photos[1]),
-                )?;
+                let (held_out, photos) = (self.scores().part(n), &self.photos[1]);
+                let views = stages::score(session, &self.model()?, &compressed, config, held_out, photos)?;
                 Ok(vec![files.seal(task, &views)?])
             }
             _ => Ok(vec![self.report(session, files)?]),

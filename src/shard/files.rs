@@ -145,13 +145,14 @@ impl Files {
         &self,
         task: Task,
         model: &Gaussians,
-        place: (RenderMode, [f64; 3]),
+        mode: RenderMode,
+        origin: [f64; 3],
         content: impl Serialize,
     ) -> Result<Vec<Vec<u8>>, Error> {
         let beside =
             tempfile::tempdir_in(&self.folder).map_err(|source| Error::Write { path: self.folder.clone(), source })?;
         let path = beside.path().join(self.first(task).file_name().unwrap_or_default());
-        formats::write_at(&path, model, place.0, place.1).map_err(Error::writing)?;
+        formats::write_at(&path, model, mode, origin).map_err(Error::writing)?;
         let bytes = std::fs::read(&path).map_err(|source| Error::Read { path, source })?;
         let model_crc32 = crc32([bytes.as_slice()]);
         let sealed = self.seal(task, &Beside { model_crc32, content })?;

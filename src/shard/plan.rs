@@ -83,7 +83,7 @@ impl Plan {
         let bytes = std::fs::read(&path).map_err(|source| Error::Read { path: path.clone(), source })?;
         let plan: Result<Self, _> = serde_json::from_slice(&bytes);
         let wrong = |what: String| Error::Part { path: path.clone(), what, task: "plan".to_owned() };
-        let plan = plan.map_err(|e| wrong(format!("it is no plan: {e}")))?;
+        let plan = plan.map_err(|e| wrong(format!("it is not a plan: {e}")))?;
         match (plan.made_by == MADE_BY, plan.version == env!("CARGO_PKG_VERSION")) {
             (true, true) if listed_hash(folder).is_some_and(|hash| hash != plan.hash()) => {
                 Err(wrong(format!("it is not the plan that {TASKS} beside it lists: one of them was changed")))

@@ -80,7 +80,7 @@ impl FromStr for Task {
             None => (text, None),
         };
         let stage = Stage::ALL.into_iter().find(|known| known.name() == name);
-        let stage = stage.ok_or_else(|| format!("'{text}' is no task; tasks.json lists them"))?;
+        let stage = stage.ok_or_else(|| format!("'{text}' is not a task; tasks.json lists all tasks"))?;
         let number = |n: &str| n.parse().map_err(|_| format!("'{text}' has no number after its slash"));
         Ok(Self { stage, part: part.map(number).transpose()? })
     }

@@ -11,7 +11,7 @@ use crate::job::session::Session;
 use crate::job::{Error, Output};
 use crate::pipeline::evaluate::Assessment;
 use crate::response::CHUNK;
-use crate::shard::blocks::{BlockRun, BlockState, Layout, Meeting, copies, joined};
+use crate::shard::blocks::{AtMeeting, BlockRun, BlockState, Layout, Meeting, copies, joined};
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
@@ -165,7 +165,7 @@ impl BlockRun {
             Stage::Assign => Ok(vec![files.seal(task, &self.assign(session, &files.state(COARSE)?)?)?]),
             Stage::Dense => {
                 let layout: Layout = files.sealed(ASSIGN)?;
-                let state = self.dense(session, (&layout, part), &files.state(COARSE)?.model, &scratch()?)?;
+                let state = self.dense(session, &layout, part, &files.state(COARSE)?.model, &scratch()?)?;
                 Ok(vec![files.state_bytes(task, state)?])
             }
             Stage::Collect if task == THIRD => self.blended(files, task, self.blocks_of(Stage::Settle)),
@@ -174,7 +174,7 @@ impl BlockRun {
                 let blocks = blocks.map(|block| files.state(block)).collect::<Result<Vec<Snapshot>, _>>()?;
                 let (model, starts) = joined(&blocks);
                 let collected = Collected { starts, gaussians: model.len() };
-                files.with_model(task, &model, (self.config.style.mode(), self.origin), collected)
+                files.with_model(task, &model, self.config.style.mode(), self.origin, collected)
             }
             Stage::Evidence => {
                 let (model, _) = files.model::<Collected>(FIRST)?;
@@ -225,7 +225,7 @@ impl BlockRun {
         }
         // The joined model is in the scene's unit.
         let model = model.scaled(if task == JOIN { self.unit } else { 1.0 });
-        files.with_model(task, &model, (self.config.style.mode(), self.origin), Joined { blocks: notes })
+        files.with_model(task, &model, self.config.style.mode(), self.origin, Joined { blocks: notes })
     }
 
     fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
@@ -233,7 +233,8 @@ impl BlockRun {
         let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
         let meeting = meeting(files, FIRST)?;
         let came = |b: usize| files.state(Task::part(Stage::Dense, b));
-        with_notes(files, task, self.tune(session, (&layout, b, quota), (&meeting, &came), &output)?)
+        let at = AtMeeting { layout: &layout, b, meeting: &meeting };
+        with_notes(files, task, self.tune(session, at, quota, &came, &output)?)
     }
 
     fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
@@ -241,7 +242,8 @@ impl BlockRun {
         let meeting = meeting(files, SECOND)?;
         let came = |b: usize| files.state(Task::part(Stage::Tune, b));
         let Ended { prune, .. } = files.sealed(Task::part(Stage::Tune, b))?;
-        with_notes(files, task, self.settle(session, (&layout, b), (&meeting, &came, prune.as_ref()), &output)?)
+        let at = AtMeeting { layout: &layout, b, meeting: &meeting };
+        with_notes(files, task, self.settle(session, at, &came, prune.as_ref(), &output)?)
     }
 
     fn finished(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
@@ -251,8 +253,9 @@ impl BlockRun {
         let own = Task::part(Stage::Settle, b);
         let (state, Ended { gaussians, prune, .. }) = (files.state(own)?, files.sealed(own)?);
         let settled = BlockState { copies: state.model.len() - gaussians, state, prune };
-        let finished = self.finish(session, (&layout, b), (&meeting, &blended, settled), &output)?;
-        files.with_model(task, &finished.state.model, (self.config.style.mode(), self.origin), Ended::of(&finished))
+        let at = AtMeeting { layout: &layout, b, meeting: &meeting };
+        let finished = self.finish(session, at, &blended, settled, &output)?;
+        files.with_model(task, &finished.state.model, self.config.style.mode(), self.origin, Ended::of(&finished))
     }
 
     /// All figures, as printed by `qirf-vk eval`, without times, memory and the frame rate; plus those of the blocks.
@@ -264,7 +267,7 @@ impl BlockRun {
         for task in self.scores().tasks() {
             measured.extend(files.sealed(task)?);
         }
-        let record = self.record(session, (&files.outputs(JOIN)[0], &model), measured);
+        let record = self.record(session, &files.outputs(JOIN)[0], &model, measured);
         let of_block = |(b, ended): (usize, &Ended)| {
             let photos = layout.blocks.get(b).map_or(0, |block| block.crops.len());
             json!({ "photos": photos, "gaussians": ended.gaussians, "prune": ended.prune, "skipped_rows": ended.skipped_rows })

@@ -20,7 +20,7 @@ pub(super) struct Surface {
 /// The ground at z = 0, and the radius within which objects cast light and shadow on it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ground {
-    /// Which painting.
+    /// Kind of scene whose ground is painted.
     pub kind: Kind,
     /// Radius of the dome about the origin, in metres.
     pub dome: f32,

@@ -141,12 +141,14 @@ impl FromStr for Calibration {
         let (name, numbers) = text.split_once(':').unwrap_or((text, ""));
         let model = LensModel::from_name(name).ok_or_else(|| {
             let all = LensModel::ALL.map(LensModel::name).join(", ");
-            Error::Lens(format!("\"{name}\" is no camera model of COLMAP; there are {all}"))
+            Error::Lens(format!("\"{name}\" is not a camera model of COLMAP; possible models: {all}"))
         })?;
         let parameters = numbers.split(',').map(|number| {
             number.trim().parse().map_err(|_| {
                 let n = model.parameters();
-                Error::Lens(format!("\"{number}\" is no number; write {name}: and {n} parameters, separated by commas"))
+                Error::Lens(format!(
+                    "\"{number}\" is not a number; write {name}: and {n} parameters, separated by commas"
+                ))
             })
         });
         Ok(Self { model, parameters: parameters.collect::<Result<_, _>>()? })
@@ -191,7 +193,7 @@ mod tests {
         let read: Calibration = text.parse().unwrap();
         assert_eq!((read.model, read.to_string().as_str()), (LensModel::SimpleRadial, text));
         for bad in ["RADIAL", "RADIAL:", "LOMO:1,2", "RADIAL:1,x"] {
-            assert!(bad.parse::<Calibration>().unwrap_err().to_string().contains("is no"), "{bad}");
+            assert!(bad.parse::<Calibration>().unwrap_err().to_string().contains("is not a"), "{bad}");
         }
         let short = Calibration { model: LensModel::Radial, parameters: vec![1.0] };
         assert!(short.device(64, 48).unwrap_err().to_string().contains("takes 5 parameters"));

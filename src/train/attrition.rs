@@ -237,7 +237,7 @@ mod tests {
         // All faint: the first of equal ones stay.
         assert_eq!(stays(&mut c, &[-9.0; 5]), [0, 1]);
         assert_eq!(stays(&mut c, &[-9.0, -8.0, f32::NAN, -7.0, -9.0]), [1, 3]);
-        assert_eq!(stays(&mut c, &[f32::NAN, -9.0, f32::NAN]), [1], "what is no number never stays");
+        assert_eq!(stays(&mut c, &[f32::NAN, -9.0, f32::NAN]), [1], "what is not a number never stays");
         assert_eq!(stays(&mut c, &[]), [0; 0]);
         // More survivors than Gaussians.
         let mut all = attrition(9, &[0.5; 5], &[]);

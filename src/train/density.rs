@@ -316,7 +316,7 @@ impl Rows {
 enum Room {
     /// New buffers with room for this many rows; each replaces the old one before the next is made.
     New(usize),
-    /// That of the old buffers, which the rows reach through this one.
+    /// Memory of the old buffers, which the rows reach through this one.
     Through(Buffer<f32>),
 }
 

@@ -20,7 +20,7 @@ pub enum Error {
     /// A checkpoint of a run on other photos.
     #[error("the checkpoint holds {what} of {stored} photos, the scene has {photos} to train on")]
     OtherPhotos {
-        /// What a photo has one of.
+        /// Data of each photo: `exposures` or `camera corrections`.
         what: &'static str,
         stored: usize,
         photos: usize,

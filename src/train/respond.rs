@@ -76,7 +76,7 @@ pub fn responses<E: PassError>(
     (follow, of): (impl FnMut(usize) -> Result<(), E>, Option<usize>),
 ) -> Result<Responses, E> {
     let size = camera::largest(photos.iter().map(|p| &p.camera));
-    let mut renderer = response::renderer(device, options.settings, model, (size, options.pairs), wanted)?;
+    let mut renderer = response::renderer(device, options.settings, model, size, options.pairs, wanted)?;
     if !wanted.gradients() {
         let cameras: Vec<_> = photos.iter().map(|p| p.camera.clone()).collect();
         let unread = device.buffer("image gradient", 1)?;
@@ -98,7 +98,7 @@ pub fn responses_by_photo<E: PassError>(
     each: impl FnMut(usize, Responses) -> Result<(), E>,
 ) -> Result<(), E> {
     let size = camera::largest(photos.iter().map(|p| &p.camera));
-    let mut renderer = response::renderer(device, options.settings, model, (size, options.pairs), wanted)?;
+    let mut renderer = response::renderer(device, options.settings, model, size, options.pairs, wanted)?;
     let (device_photos, objective) =
         (&mut DevicePhotos::new(device, photos)?, &Objective::new(device, photos, size, options)?);
     by_photo(&mut renderer, model, &mut Compared { photos, device_photos, objective }, wanted, each)

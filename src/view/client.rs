@@ -41,7 +41,7 @@ pub fn converse(stream: TcpStream, rest: Vec<u8>, requests: &Requests, control: 
     let mut socket = WebSocket::from_partially_read(stream, rest, Role::Server, Some(config));
     let (sender, outbox) = channel();
     let Some(id) = requests.enter(sender) else {
-        end(&mut socket, CloseCode::Again, "four pages look already; close one of them");
+        end(&mut socket, CloseCode::Again, "four pages are connected already; close one of them");
         return;
     };
     let talk = Talk { requests, id, control, outbox };
@@ -128,8 +128,8 @@ impl Talk<'_> {
             Ok(Message::Request(request)) => self.requests.request(self.id, request),
             Ok(Message::Shown(_)) => self.requests.shown(self.id),
             Ok(Message::Control(control)) if self.control => self.requests.control(control),
-            Ok(Message::Control(_)) => return Err("this viewer steers nothing"),
-            Err(_) => return Err("this message is not of this version; load the page again"),
+            Ok(Message::Control(_)) => return Err("this page cannot control the run"),
+            Err(_) => return Err("this page is of another version; reload it"),
         }
         Ok(())
     }

@@ -11,8 +11,8 @@ const MEANINGS = {
   error: "blue none, red 0.25",
   count: "blue none, green 15, red 255 or more",
   kept: "green kept, yellow merged into a kept one, red dropped",
-  score: "each Gaussian by the share of all that score lower: blue none, red all",
-  participation: "each Gaussian by the share of all that take part less in the leading modes of their blocks: blue none, red all",
+  score: "rank by score: blue lowest, red highest",
+  participation: "rank in participation: blue lowest, red highest",
   guards: "blue seen by no view, orange canonical block, pink repaired block, cyan kept for its detail, grey none of these",
 };
 

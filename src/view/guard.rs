@@ -72,10 +72,10 @@ impl Guard {
     /// Checks a request.
     pub fn check(&self, asked: Asked<'_>) -> Verdict {
         if !self.own(asked.host) {
-            return Verdict::Refuse("this name is not the viewer's; use the address of numbers that qirf-vk printed");
+            return Verdict::Refuse("unknown host name; use the IP address that qirf-vk printed");
         }
         if asked.socket && asked.origin.and_then(|o| o.strip_prefix("http://")) != Some(asked.host) {
-            return Verdict::Refuse("another site may not look at this viewer");
+            return Verdict::Refuse("pages of other sites may not connect to this viewer");
         }
         let given = asked.query.split('&').find_map(|p| p.strip_prefix("token="));
         if given.is_some_and(|token| self.is_token(token)) {

@@ -146,7 +146,7 @@ pub enum Encoding {
 /// A figure sent with a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Figure {
-    /// None.
+    /// No figure.
     None,
     /// PSNR in dB against the photo or the other model.
     Psnr(f32),

@@ -34,7 +34,7 @@ fn errors(motion: [DVec3; 2], light: f32) -> (CameraErrors, f64) {
     let byte = |v: f32| (v.clamp(0.0, 1.0) * light * 255.0).round() as u8;
     let pixels: Vec<u8> = image.pixels.iter().flat_map(|p| [byte(p[0]), byte(p[1]), byte(p[2]), 255]).collect();
     let photo = Photo::opaque(given.clone(), pixels);
-    let found = camera_errors(&session, &model, &[&photo], (settings, light < 1.0)).unwrap().unwrap();
+    let found = camera_errors(&session, &model, &[&photo], settings, light < 1.0).unwrap().unwrap();
     // How far the motion moves the picture of the scene's middle, four units away.
     let seen = |camera: &Camera| {
         let p = camera.rotation * DVec3::new(0.1, 0.2, 0.0) + camera.translation;

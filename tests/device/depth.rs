@@ -25,7 +25,7 @@ fn layers(layers: &[(f32, f32)]) -> Gaussians {
 fn middle(model: &Gaussians) -> (f32, f32) {
     let device = device();
     let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.1, 9, 9);
-    let mut painter = DepthPainter::new(&device, model, (Settings::default(), [9, 9], true)).unwrap();
+    let mut painter = DepthPainter::new(&device, model, Settings::default(), [9, 9], true).unwrap();
     let Depths { expected, median, .. } = painter.draw(&camera).unwrap();
     finish(&device);
     (expected[40], median[40])
@@ -62,7 +62,7 @@ fn depths_are_the_twins_also_in_parts() {
         let camera = small_camera(size[0], size[1]);
         let model = narrowed(&random_scene(&camera, 5));
         let settings = Settings::default();
-        let draw = |whole| DepthPainter::new(&device, &model, (settings, size, whole)).unwrap().draw(&camera).unwrap();
+        let draw = |whole| DepthPainter::new(&device, &model, settings, size, whole).unwrap().draw(&camera).unwrap();
         let depths = draw(true);
         assert_eq!(depths, draw(false));
         // The twin blends depths as colours.

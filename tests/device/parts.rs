@@ -194,7 +194,7 @@ fn evidence(device: &Device, model: &Gaussians, wanted: Wanted, on_host: bool) -
     let settings = Settings::default();
     let resident = (!on_host).then(|| Resident::upload(device, model).unwrap());
     let source = resident.as_ref().map_or(Source::Host(model), Source::Device);
-    let mut renderer = response::renderer(device, settings, source, ([90, 70], 1 << 14), wanted).unwrap();
+    let mut renderer = response::renderer(device, settings, source, [90, 70], 1 << 14, wanted).unwrap();
     let pixels = wanted.gradient_pixels([90, 70]);
     let (gradient, high_pass) =
         (device.buffer("image gradient", pixels).unwrap(), HighPass::new(device, pixels).unwrap());

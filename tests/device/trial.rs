@@ -47,7 +47,7 @@ fn found(effects: &[synth::Effect], wrong: f64) -> (f64, bool, String) {
     let device = device();
     let networks = Networks::default();
     let session = Session::new(&device, &networks);
-    let tried = trial(&session, &config.decided(&decisions), (&prepared, &start), &decisions).unwrap();
+    let tried = trial(&session, &config.decided(&decisions), &prepared, &start, &decisions).unwrap();
     try_out(&mut decisions, &tried.expect("a trial"));
     finish(&device);
     let found: Vec<_> = decisions.iter().filter(|d| [Effect::Exposure, Effect::Poses].contains(&d.name)).collect();

@@ -171,6 +171,20 @@ fn maps_that_contradict_each_other_are_left_out_where_no_points_tell_their_scale
     }
 }
 
+#[test]
+fn negative_depths_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder_of_maps = folder.path().join("depth");
+    std::fs::create_dir_all(&folder_of_maps).unwrap();
+    wall(folder.path(), false, 0.0);
+    for name in ["a.npy", "b.npy", "c.npy"] {
+        npy(&folder_of_maps.join(name), |_, _| -4.0);
+    }
+    let DepthMaps { points, notes, evidence, .. } = maps_of(&mut open(folder.path()), &[0, 1, 2]);
+    assert_eq!((evidence.maps, points.len()), (0, 0), "{notes:?}");
+    assert!(notes[0].starts_with("3 depth maps not used: each holds only negative depths"), "{notes:?}");
+}
+
 /// Steps of whole numbers, and floats of 16 bits.
 #[test]
 fn numbers_of_maps_are_those_of_their_type() {

@@ -42,6 +42,26 @@ fn scales_are_distances_to_three_neighbours() {
     }
 }
 
+/// A surface that lies in a cloud four times, each time a little aside, has Gaussians as large as those of one surface.
+#[test]
+fn copies_of_a_point_are_not_its_neighbours() {
+    let mut r = Random(3);
+    let mut clouds = [Vec::new(), Vec::new()];
+    for i in 0..400 {
+        let place = DVec3::new(f64::from(i % 20), f64::from(i / 20), 0.0);
+        for copy in 0..4 {
+            let aside = DVec3::from([0; 3].map(|_| r.within(-0.01, 0.01)));
+            let seed = Seed { position: place + aside, normal: None, colour: DVec3::ZERO };
+            clouds[1].push(seed);
+            clouds[0].extend((copy == 0).then_some(seed));
+        }
+    }
+    let [one, four] = clouds.map(|cloud| from_points(&cloud).log_scales);
+    for (i, scales) in four.iter().enumerate() {
+        assert!((scales[0] - one[i / 4][0]).abs() < 0.1, "point {i}: {scales:?} for {:?}", one[i / 4]);
+    }
+}
+
 #[test]
 fn points_with_normals_are_flat_along_them() {
     let balls = from_points(&points(50, 4));

@@ -186,6 +186,13 @@ fn missing_misshapen_and_damaged_photos_are_skipped_and_counted() {
     assert_eq!((skipped.missing_images.count, skipped.mismatched_images.count), (1, 1));
     assert_eq!(skipped.damaged_images.examples, ["d.jpg"]);
     says(&skipped.summary().join("\n"), &["1 photo listed but absent (a.png)", "c.png", "1 photo damaged (d.jpg)"]);
+    says(
+        &skipped.summary().join("\n"),
+        &[
+            "1 photo of another shape than the camera (c.png)",
+            "1 photo of another shape turned by 90°: EXIF rotation is",
+        ],
+    );
     fs::remove_dir_all(&images).unwrap();
     let error = open(scene.path()).unwrap().require_photos().unwrap_err().to_string();
     says(&error, &["none of the 5 photos", "a.png does not exist"]);

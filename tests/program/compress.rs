@@ -351,7 +351,7 @@ fn interrupted(selector: Selector) {
         let watcher = Impatient(AtomicUsize::new(0), looks);
         let networks = Networks::default();
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
-        compress_to(&session, input, (&config, None), &Target::new(&out))
+        compress_to(&session, input, &config, None, &Target::new(&out))
     };
     for looks in [0, 3, 10, 17, 19, 20] {
         let error = attempt(looks).expect_err("interrupted");

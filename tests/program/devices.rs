@@ -117,8 +117,8 @@ fn a_device_is_named_by_its_uuid_and_its_place_on_the_bus() {
     for (wanted, code, says) in [
         (format!("uuid:{other}"), 4, "no device matches"),
         ("pci:ffffffff:ff:1f.7".to_owned(), 4, "no device matches"),
-        ("uuid:12".to_owned(), 2, "'12' is no UUID"),
-        ("pci:zero".to_owned(), 2, "'zero' is no PCI address"),
+        ("uuid:12".to_owned(), 2, "'12' is not a UUID"),
+        ("pci:zero".to_owned(), 2, "'zero' is not a PCI address"),
     ] {
         ask(&wanted, folder.path()).with(code, &[says]);
     }

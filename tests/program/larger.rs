@@ -36,7 +36,7 @@ fn qirf(folder: &Path, small: bool, arguments: &[&str]) -> Ended {
 
 /// It must have ended well, and told of parts just where it drew them.
 fn told(ended: Ended, parts: bool) -> Ended {
-    assert_eq!(ended.said.contains("4000 Gaussians are more than"), parts, "{}", ended.said);
+    assert_eq!(ended.said.contains("cannot hold 4000 Gaussians at once"), parts, "{}", ended.said);
     ended.with(0, &[])
 }
 

@@ -264,6 +264,11 @@ fn whatever_is_missing_leaves_a_sound_page() {
         html.texts("p").iter().any(|t| t.contains("past its best: after iteration 100 held-out views had 22.00 dB"))
     };
     assert!(past(points(21.0)) && !past(points(21.95)) && !past(points(23.0)));
+    let pruned = |dense: f64, end: f64| {
+        let large = points(dense).into_iter().map(|p| CurvePoint { gaussians: 9, ..p });
+        large.chain([CurvePoint { iteration: 300, psnr: end, ..one.curve[0] }]).collect::<Vec<_>>()
+    };
+    assert!(past(pruned(21.0, 20.5)) && !past(pruned(21.95, 20.5)) && !past(pruned(21.0, 22.5)), "before the prune");
 
     one.cut = Some(Cut { iteration: 1500, before: 5000, shown: 1800, after: 1400 });
     let told = "After iteration 1,500, the method would have kept 1,800 of 5,000 Gaussians; 1,400 were kept.";

@@ -232,7 +232,7 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     stage.refused(2, &["is not empty"], &["shard", "plan", "compress", "ball.ply", "-o", "."]);
     stage.refused(2, &["holds another plan"], &["shard", "plan", "compress", "ball.ply", "-o", "a", "--keep", "0.4"]);
     stage.refused(2, &["no task"], &["shard", "task", "a", "evidence/0009"]);
-    stage.refused(2, &["no task"], &["shard", "task", "a", "dance"]);
+    stage.refused(2, &["not a task"], &["shard", "task", "a", "dance"]);
     let mut foreign = stage.command(&["shard", "all", "a"]);
     end(foreign.env(FINGERPRINT.0, "4567")).with(4, &["4567", "0123"]);
     works(foreign.arg("--mixed"));
@@ -244,7 +244,7 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     fs::write(stage.path("b/plan.json"), plan.replace("0.3", "0.4")).unwrap();
     stage.refused(3, &["plan.json", "one of them was changed"], &["shard", "status", "b"]);
     fs::write(stage.path("b/plan.json"), "{}").unwrap();
-    stage.refused(3, &["plan.json", "no plan"], &["shard", "status", "b"]);
+    stage.refused(3, &["plan.json", "not a plan"], &["shard", "status", "b"]);
 }
 
 /// A wrong result that looks right: its seal is mended.

@@ -130,7 +130,7 @@ fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
     let reached = made["aim"]["chosen"]["psnr"].as_f64().unwrap();
     assert!((28.0..28.5).contains(&reached), "{}", made["aim"]);
     let whole = ["--views", "16", "--size", "64x64", "--size", "1GB"];
-    compressed(&model, &out, &whole).with(0, &["no larger file, up to 1000 MB, is better"]);
+    compressed(&model, &out, &whole).with(0, &["no larger file, up to 1 GB, is better"]);
     assert_eq!(formats::read(&out).unwrap().gaussians.len(), SITES * CLONES);
     std::fs::remove_file(&out).unwrap();
     let refused = |code: i32, words: &str, more: &[&str]| {
@@ -138,7 +138,7 @@ fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
         assert!(!out.exists(), "{more:?}");
     };
     refused(2, "the smallest SOG file", &["--views", "16", "--size", "64x64", "--size", "100B"]);
-    for bad in ["5", "0", "-1MB", "1TB", "MB", "nanMB"] {
+    for bad in ["5", "0", "-1MB", "1XB", "MB", "nanMB"] {
         refused(2, "--size", &[&format!("--size={bad}")]);
     }
     refused(2, "--psnr", &["--psnr", "nan"]);
@@ -193,12 +193,12 @@ fn a_format_that_ruins_a_model_is_named_and_a_report_lists_the_search() {
     let model = saved(folder.path(), &ball());
     let more = ["--size", "1GB", "--json", "--report", page.to_str().unwrap()];
     let said = compressed(&model, &folder.path().join("a.sog"), &[&views, &more[..]].concat()).with(0, &[]).said;
-    assert!(said.contains("no larger file, up to 1000 MB, is better"), "{said}");
+    assert!(said.contains("no larger file, up to 1 GB, is better"), "{said}");
     let html = parse(&std::fs::read_to_string(&page).unwrap()).unwrap();
     assert!(!html.select("#search tbody tr").is_empty());
     // A format whose header alone exceeds the sizes.
     let few = saved(folder.path(), &ball().select(&[0, 4, 8]));
     let more = ["--curve", "sog,spz", "--peer", "none"];
     let said = compressed(&few, &folder.path().join("curve"), &[&views, &more[..]].concat()).with(0, &[]).said;
-    assert!(said.contains("sog has no file of 6 sizes of 6"), "{said}");
+    assert!(said.contains("sog: 6 of 6 sizes are too small for a single Gaussian"), "{said}");
 }

@@ -109,7 +109,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
         };
         let never = Stopper(AtomicU32::new(u32::MAX), AtomicU32::new(0));
         let session = Session { host_bytes: u64::MAX, watcher: &never, ..Session::new(&device, &networks) };
-        compress_to(&session, input, (&compressing, None), &Target::new(&small)).unwrap();
+        compress_to(&session, input, &compressing, None, &Target::new(&small)).unwrap();
         let files = [&path, &small].map(|p| std::fs::read(p).unwrap());
         match &first {
             None => first = Some(files),

@@ -165,7 +165,7 @@ impl Arguments {
             Operation::Views { scene, outside } => {
                 let least = self.least_views.unwrap_or(1) as usize;
                 let scene = open_scene(scene, &OpenOptions::default(), console)?;
-                Edit::Crop { region: seen((editor.model(), origin), &scene, least)?, outside: *outside }
+                Edit::Crop { region: seen(editor.model(), origin, &scene, least)?, outside: *outside }
             }
             Operation::Matrix(path) => operations::of_matrix(path)?,
             Operation::Floaters => return self.without_floaters((asked, mode, origin), editor, (console, global)),
@@ -188,13 +188,13 @@ impl Arguments {
             Some(scene) => {
                 let (images, resolution) = (self.images.clone(), self.resolution.clone());
                 let selection = Selection { images, resolution, ..Selection::of(scene.clone()) };
-                floaters::by_photos(&session, (model, origin), &selection, style)?
+                floaters::by_photos(&session, model, origin, &selection, style)?
             }
             None => floaters::by_own_pictures(&session, model, &VirtualCameras::default(), style)?,
         };
         let counts = FloaterCounts::of(&found);
         let removed = found.iter().flatten().count();
-        if let Some(warning) = floater_warning(removed, found.len()).filter(|_| self.scene.is_some()) {
+        if let Some(warning) = floater_warning(removed, found.len(), self.scene.is_some()) {
             console.warn(warning);
         }
         let why = if self.scene.is_some() { counts.to_string() } else { counts.without_photos() };

@@ -14,7 +14,7 @@ const HEADING: &str = "Operations, in their order";
 /// One requested operation.
 #[derive(Clone, Debug)]
 pub(super) struct Asked {
-    /// As on the command line.
+    /// Name on the command line.
     pub name: String,
     /// Why it removes what it removes.
     pub why: String,
@@ -159,10 +159,10 @@ fn invert(asked: &mut [Asked]) -> Result<(), Error> {
             name,
             why,
             what: Operation::Edit(Edit::Crop { outside, .. }) | Operation::Views { outside, .. },
-        }) => {
+        }) if !*outside => {
             *outside = true;
             *name += " --outside";
-            *why = why.replace("not in", "in");
+            *why = why.replace("outside the", "inside the").replace("in too few", "in enough");
             Ok(())
         }
         _ => Err(Error::Usage("--outside must follow a --crop-box, --crop-sphere or --crop-views".into())),

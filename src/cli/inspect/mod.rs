@@ -5,6 +5,7 @@ mod scene;
 
 use super::console::Console;
 use super::values;
+use crate::edit::{rounding, rounding_warning};
 use crate::extension::has_extension;
 use crate::gaussians::{
     self,
@@ -117,6 +118,9 @@ pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error
     }
     if loaded.gaussians.is_empty() {
         console.warn(format_args!("{}: it holds no Gaussian", path.display()));
+    }
+    if let Some(step) = rounding(&loaded.gaussians) {
+        console.warn(rounding_warning(&format!("{}: the model lies far from its origin", path.display()), step));
     }
     Ok(loaded)
 }

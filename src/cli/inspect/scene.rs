@@ -92,6 +92,19 @@ fn page(scene: &Scene, test: &[usize], doubts: &Doubts, file: &Path) -> Result<(
     Output::text(file, &page)
 }
 
+/// A note on photos with an EXIF rotation.
+fn rotated(scene: &Scene) -> Option<String> {
+    let mut photos: Vec<&View> = scene.views.iter().collect();
+    photos.dedup_by(|a, b| a.image == b.image);
+    let count = photos.par_iter().filter(|photo| photo.has_exif_rotation()).count();
+    let photos = counted(count, "photo");
+    (count > 0).then(|| {
+        format!(
+            "{photos} with an EXIF rotation, which is ignored, as in COLMAP: poses must be those of the stored pixels"
+        )
+    })
+}
+
 /// The scene as one document, and as a page if `html` names one; reads training photos to decide which effects they call for.
 pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) -> Result<Value, Error> {
     let scene = Scene::open(path, options)?;
@@ -145,7 +158,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "train_views": held.train.len(),
         "test_views": held.test.len(),
         "skipped": skipped.summary(),
-        "advice": doubts.advice().into_iter().chain(scene.lacks_points()).collect::<Vec<_>>(),
+        "advice": doubts.advice().into_iter().chain(scene.lacks_points()).chain(rotated(&scene)).collect::<Vec<_>>(),
         "effects": decisions,
     }))
 }

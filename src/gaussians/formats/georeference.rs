@@ -15,7 +15,7 @@ const FILE: &str = "georeference.json";
 #[derive(Debug, Default, Deserialize, Serialize)]
 struct Georeference {
     schema: u32,
-    /// That of the model written last.
+    /// Origin of the model written last.
     origin: [f64; 3],
     /// By name of file.
     #[serde(default)]
@@ -23,7 +23,7 @@ struct Georeference {
 }
 
 impl Georeference {
-    /// That beside a model, if there is one; none if it is another program's.
+    /// The georeference beside a model, if there is one; none if it is another program's.
     ///
     /// # Errors
     /// [`Error::Malformed`] for a damaged one: without it, models would lie elsewhere.

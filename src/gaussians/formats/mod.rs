@@ -97,8 +97,8 @@ pub struct Loaded {
 }
 
 impl Loaded {
-    /// What a reader should know of the repairs, as a sentence, if anything. In formats of opacities, 0 and 1 are usual, and their infinite
-    /// logits no damage.
+    /// A sentence on what a user should know of the repairs, if anything. In formats of opacities, 0 and 1 are usual,
+    /// and their infinite logits are not damage.
     pub fn remark(&self) -> Option<String> {
         let usual = if self.format == Format::Ply { self.repairs.clamped_opacities } else { 0 };
         let told = Repairs { clamped_opacities: usual, ..self.repairs };
@@ -133,7 +133,7 @@ pub fn read(path: &Path) -> Result<Loaded, Error> {
     Ok(loaded)
 }
 
-/// As [`read`], without a georeference.json.
+/// Reads a model as [`read`] does, without a georeference.json.
 fn read_alone(path: &Path) -> Result<Loaded, Error> {
     let io = |source| Error::Io { path: path.to_owned(), source };
     let data = fs::metadata(path).map_err(io)?;
@@ -175,7 +175,7 @@ pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
     read_with(bytes, name, None)
 }
 
-/// As [`read_bytes`]; `folder` holds the files that a `.gltf` may name.
+/// Reads a model as [`read_bytes`] does; `folder` holds the files that a `.gltf` may name.
 fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded, Error> {
     let extension = extension(name);
     let bytes = match bytes {
@@ -193,7 +193,7 @@ fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded,
         [b'g', b'l', b'T', b'F', ..] => gltf::read(bytes, folder),
         [] => Err(fault::malformed("byte 0", "the file is empty; fetch or export it again")),
         _ => match extension.as_str() {
-            "ply" => Err(fault::malformed("header", "a PLY file begins with a line `ply`, this one does not; check the file")),
+            "ply" => Err(fault::malformed("header", not_a_ply(bytes))),
             "spz" => Err(fault::malformed("header", "neither gzip nor NGSP at byte 0 as SPZ needs; check the file")),
             "sog" => Err(fault::malformed("header", "a bundled SOG is a zip archive, this is not; check the file")),
             "glb" => Err(fault::malformed("header", "a GLB file begins with `glTF`, this one does not; check the file")),
@@ -210,6 +210,15 @@ fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded,
         },
     };
     parsed.map(finish).map_err(|fault| fault.at(name))
+}
+
+/// The fault of a file that is called a PLY and does not begin like one.
+fn not_a_ply(bytes: &[u8]) -> String {
+    let packers: [(&[u8], &str); 3] = [(b"BZh", "bzip2"), (b"\xfd7zXZ\0", "xz"), (b"\x28\xb5\x2f\xfd", "zstd")];
+    match packers.iter().find(|(magic, _)| bytes.starts_with(magic)) {
+        Some((_, packer)) => format!("it is compressed by {packer}: unpack it first"),
+        None => "a PLY file begins with a line `ply`, this one does not; check the file".to_owned(),
+    }
 }
 
 /// The contents of a gzip file that is no SPZ.

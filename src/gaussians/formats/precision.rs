@@ -40,11 +40,12 @@ impl Precision {
 /// Bits in SPZ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct SpzPrecision {
-    /// Of SH coefficients of band 1, 1 to 8.
+    /// Bits of SH coefficients of band 1, 1 to 8.
     pub first: u8,
-    /// Of those of the other bands.
+    /// Bits of SH coefficients of the other bands.
     pub others: u8,
-    /// Of means below the median Gaussian's size: 4 move means by at most a 32nd of it. Null: 4, and at least 12 fractional bits.
+    /// Bits of means below the median Gaussian's size: 4 move means by at most a 32nd of it. Null: 4, and at least 12
+    /// fractional bits.
     pub means: Option<u8>,
 }
 
@@ -115,7 +116,7 @@ impl SogPrecision {
 }
 
 /// The finest that SOG allows.
-const FINEST_SOG: SogPrecision = SogPrecision::new([0.0, 0.03, 0.01, 0.005], [256, 256], 1.0);
+const FINEST_SOG: SogPrecision = SogPrecision::new([0.0, 0.018, 0.01, 0.005], [256, 256], 1.0);
 
 /// Each step loses about half as much as the one before. The last one is the finest that the format allows.
 const SOG: [SogPrecision; 7] = [

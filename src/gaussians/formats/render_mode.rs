@@ -38,7 +38,7 @@ impl RenderMode {
 /// The tags of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Tag {
-    /// What they say.
+    /// Mode that they state.
     pub mode: RenderMode,
     /// A tag was found that says so.
     stated: bool,
@@ -52,12 +52,12 @@ pub(super) struct Tag {
 pub(super) const ORIGIN: &str = "origin";
 
 impl Tag {
-    /// That of a format with one bit for it.
+    /// Tag of a format with one bit for it.
     pub fn of_bit(antialiased: bool) -> Self {
         Self { mode: RenderMode::of(antialiased), stated: true, ..Self::default() }
     }
 
-    /// That of a SOG's `model` and `antialias`.
+    /// Tag of a SOG's `model` and `antialias`.
     pub fn of_sog(model: Option<&Value>, antialias: Option<&Value>) -> Self {
         let mut tag = Self::default();
         match antialias {
@@ -99,6 +99,24 @@ impl Tag {
         if let (&[x, y, z], 3) = (numbers.as_slice(), words.len()) {
             self.origin = [x, y, z];
         }
+    }
+
+    /// This tag, or where it says nothing that of the group around it.
+    pub fn or(self, around: &Self) -> Self {
+        if self.stated { self } else { Self { doubt: self.doubt.or_else(|| around.doubt.clone()), ..around.clone() } }
+    }
+
+    /// Tag of a file of several parts: anti-aliased if any of them is.
+    pub fn of_parts(parts: impl IntoIterator<Item = Self>) -> Self {
+        let join = |mut all: Self, part: Self| {
+            all.doubt = all.doubt.or(part.doubt);
+            if all.mode != part.mode {
+                all.mode = RenderMode::AntiAliased;
+                all.doubt = Some("its parts have different render modes; all of it is drawn anti-aliased".into());
+            }
+            all
+        };
+        parts.into_iter().reduce(join).unwrap_or_default()
     }
 
     fn state(&mut self, mode: RenderMode) {

@@ -5,8 +5,8 @@ use std::fmt;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use super::super::edit::lengthen;
 use super::Gaussians;
-use super::linear::unit;
 use crate::wording::counted;
 
 /// Infinite opacity logits become this value with their sign.
@@ -19,9 +19,6 @@ pub const OPACITY_LOGIT_LIMIT: f32 = 20.0;
 ///
 /// e^-20 = 2e-9 world units is flatter than any pixel sees, and its square (4e-18) is still a normal float32.
 pub const LOG_SCALE_FLOOR: f32 = -20.0;
-
-/// A quaternion all of whose components are smaller is normalised: pictures leave out lengths below 1e-6.
-const SHORT: f32 = 1e-5;
 
 /// Counts of what a reader changed or left out; all zero for a clean file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -88,9 +85,8 @@ pub(super) fn repair(model: &mut Gaussians) -> (Repairs, Vec<usize>) {
         } else if model.rotations[i] == [0.0; 4] {
             repairs.zero_quaternions += 1;
             *bad = true;
-        } else if model.rotations[i].iter().all(|c| c.abs() < SHORT) {
+        } else if lengthen(&mut model.rotations[i]) {
             repairs.short_quaternions += 1;
-            model.rotations[i] = unit(model.rotations[i]);
         }
     }
     let removed = (0..bad.len()).filter(|i| bad[*i]).collect();

@@ -77,8 +77,8 @@ pub fn write(path: &Path, gaussians: &Gaussians, mode: RenderMode) -> Result<(),
     write_at(path, gaussians, mode, [0.0; 3])
 }
 
-/// As [`write()`], with the local origin of the means: PLY stores it in a comment, glTF and USD as a translation, and
-/// [`georeference()`] writes it beside every file.
+/// Writes a model as [`write()`] does, with the local origin of the means: PLY stores it in a comment, glTF and USD as
+/// a translation, and [`georeference()`] writes it beside every file.
 pub fn write_at(path: &Path, gaussians: &Gaussians, mode: RenderMode, origin: [f64; 3]) -> Result<(), Error> {
     write_atomically(path, body(path, gaussians, (mode, origin), None)?)?;
     georeference(path, origin)

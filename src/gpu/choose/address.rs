@@ -25,7 +25,7 @@ impl FromStr for Uuid {
         let digits = text.strip_prefix("GPU-").unwrap_or(text).replace('-', "");
         let whole = digits.len() == 32 && digits.bytes().all(|b| b.is_ascii_hexdigit());
         let number = u128::from_str_radix(&digits, 16).ok().filter(|_| whole);
-        number.map(|n| Self(n.to_be_bytes())).ok_or_else(|| format!("'{text}' is no UUID of 32 hexadecimal digits"))
+        number.map(|n| Self(n.to_be_bytes())).ok_or_else(|| format!("'{text}' is not a UUID of 32 hexadecimal digits"))
     }
 }
 
@@ -51,7 +51,8 @@ impl fmt::Display for PciAddress {
 impl FromStr for PciAddress {
     type Err = String;
 
-    /// As `lspci` and `nvidia-smi` write it: `81:00.0`, `0000:81:00.0` or `00000000:81:00.0`, in hexadecimal digits.
+    /// Reads an address as `lspci` and `nvidia-smi` write it, in hexadecimal digits: `81:00.0`, `0000:81:00.0` or
+    /// `00000000:81:00.0`.
     fn from_str(text: &str) -> Result<Self, String> {
         let hex = |digits: &str, most: u32| {
             let plain = digits.bytes().all(|b| b.is_ascii_hexdigit());
@@ -68,7 +69,7 @@ impl FromStr for PciAddress {
                 function: hex(function, 7)?,
             })
         };
-        parse().ok_or_else(|| format!("'{text}' is no PCI address such as 0000:81:00.0"))
+        parse().ok_or_else(|| format!("'{text}' is not a PCI address such as 0000:81:00.0"))
     }
 }
 

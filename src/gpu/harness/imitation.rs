@@ -97,7 +97,7 @@ impl FromStr for Claim {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (size, pinned) = text.strip_suffix(",unpinned").map_or((text, true), |size| (size, false));
-        let subgroup = size.parse().map_err(|_| format!("'{size}' is no number of invocations"))?;
+        let subgroup = size.parse().map_err(|_| format!("'{size}' is not a number of invocations"))?;
         Ok(Self { subgroup, pinned })
     }
 }

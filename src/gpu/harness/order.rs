@@ -13,7 +13,7 @@ use std::sync::Mutex;
 /// An order of the commands between two barriers of a submission. Scopes are empty, so their times mean nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// As recorded.
+    /// Order in which they were recorded.
     Recorded,
     /// From the last to the first.
     Backwards,
@@ -47,13 +47,13 @@ pub struct Derived {
 /// The derived barriers to leave out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Forget {
-    /// None.
+    /// No barrier.
     Nothing,
     /// The one with this number, from 0, since the last [`crate::gpu::Device::reorder`].
     Nth(usize),
-    /// Those that prevent this hazard and no other.
+    /// Barriers that prevent this hazard and no other.
     All(Hazard),
-    /// Those that wait for earlier submissions.
+    /// Barriers that wait for earlier submissions.
     Carried,
 }
 

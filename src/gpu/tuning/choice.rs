@@ -8,7 +8,7 @@ use std::str::FromStr;
 
 /// A choice of tuning. By default it is the row of the device's own class.
 ///
-/// As text, in `--tuning` and `QIRF_TUNING`: a class, fields, or both, such as `gpu`, `tile=8` or
+/// Its text, in `--tuning` and `QIRF_TUNING`: a class, fields, or both, such as `gpu`, `tile=8` or
 /// `nvidia,tile=8,sort_rows_max=8`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TuningChoice {

@@ -53,7 +53,7 @@ impl RunConfig {
         out
     }
 
-    /// As [`respelt`], of folders that may be names within the scene.
+    /// Variant of [`respelt`] for folders that may be names within the scene.
     fn respelt_folder(&self, ours: Option<&PathBuf>, theirs: Option<&PathBuf>) -> Option<PathBuf> {
         let place = |folder: &PathBuf| {
             Some(within(&self.scene, folder)).filter(|p| p.exists()).unwrap_or_else(|| folder.clone())
@@ -62,7 +62,7 @@ impl RunConfig {
         same.or(ours).cloned()
     }
 
-    /// As [`RunConfig::changes`], before the scene has decided on its effects: `earlier` gives the scene's decisions.
+    /// The [`RunConfig::changes`] before the scene has decided on its effects: `earlier` gives the scene's decisions.
     pub fn changes_before_decisions(&self, earlier: &Self) -> Vec<String> {
         let asked = self.effects.forced(Effect::ViewDependence) == Some(true);
         let ours = Self {

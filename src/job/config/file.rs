@@ -92,7 +92,7 @@ impl RunConfig {
     /// The text of a `config.toml` in `folder`: paths below it are relative, so that it can be moved, and others absolute.
     ///
     /// # Errors
-    /// As of [`RunConfig::written`].
+    /// The errors of [`RunConfig::written`].
     pub fn written_in(&self, folder: &Path) -> Result<String, Error> {
         let (mut config, folder) = (self.clone(), absolute(folder));
         // TOML is UTF-8, and the current folder's name may not be.

@@ -226,8 +226,8 @@ impl Selection {
 }
 
 impl RunConfig {
-    /// What `qirf-vk run SCENE --preset PRESET --no-prune` does; [`pruned`](Self::pruned) by [`Preset::pruning`], what it does
-    /// without the last option.
+    /// The configuration of `qirf-vk run SCENE --preset PRESET --no-prune`; [`pruned`](Self::pruned) by
+    /// [`Preset::pruning`], that of the same command without the last option.
     pub fn of(scene: PathBuf, preset: Preset) -> Self {
         Self {
             scene,

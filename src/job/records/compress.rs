@@ -108,13 +108,13 @@ pub struct ModelFile {
 /// Scores at each stage.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageScores {
-    /// Of the original model; null if its own pictures are the truth, or without held-out views.
+    /// Scores of the original model; null if its own pictures are the truth, or without held-out views.
     pub before: Option<Scores>,
     /// After the prune; null without held-out views.
     pub pruned: Option<Scores>,
     /// After fine-tuning; null if there was none.
     pub fine_tuned: Option<Scores>,
-    /// Of the file as it is read back; null if the compression was divided.
+    /// Scores of the file as it is read back; null if the compression was divided.
     #[serde(default)]
     pub written: Option<Scores>,
 }

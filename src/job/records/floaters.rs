@@ -16,7 +16,7 @@ pub struct FloaterCounts {
 }
 
 impl FloaterCounts {
-    /// Of these.
+    /// Counts of the floaters that were found, by rule.
     pub fn of(found: &[Option<Reason>]) -> Self {
         let count = |reason: Reason| found.iter().filter(|f| **f == Some(reason)).count();
         Self { disagree: count(Reason::Disagrees), near_one: count(Reason::NearOne), alone: count(Reason::Alone) }

@@ -22,7 +22,7 @@ pub struct PruneRecord {
     /// The attrition that went before; absent without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attrition: Option<AttritionRecord>,
-    /// Of these, those kept by the detail safeguard.
+    /// Gaussians kept by the detail safeguard, included in `after`.
     pub detail: usize,
     /// Number of blocks.
     pub blocks: usize,

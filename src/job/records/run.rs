@@ -145,12 +145,20 @@ const PAST: f64 = 0.1;
 
 impl RunRecord {
     /// The best point of the quality curve with no more Gaussians than at the end, if the run ended well below it:
-    /// training longer was a loss.
+    /// training longer was a loss. If the end is no loss, the same up to the last point with the most Gaussians, from
+    /// which prunes begin, unless the end makes up for it.
     pub fn past_best(&self) -> Option<&CurvePoint> {
-        let last = self.curve.last()?;
-        let as_small = self.curve.iter().filter(|p| p.gaussians <= last.gaussians);
-        let best = as_small.max_by(|a, b| a.psnr.total_cmp(&b.psnr))?;
-        (best.psnr - last.psnr >= PAST).then_some(best)
+        let largest = self.curve.iter().enumerate().max_by_key(|(_, p)| p.gaussians)?.0;
+        let lost = |curve: &'_ [CurvePoint]| {
+            let last = curve.last()?;
+            let as_small = (0..curve.len()).filter(|&i| curve[i].gaussians <= last.gaussians);
+            let best = as_small.max_by(|&a, &b| curve[a].psnr.total_cmp(&curve[b].psnr))?;
+            (curve[best].psnr - last.psnr >= PAST).then_some(best)
+        };
+        let end = self.curve.last()?.psnr;
+        let made_up = |&best: &usize| self.curve[best].psnr - end < PAST;
+        let best = lost(&self.curve).or_else(|| lost(&self.curve[..=largest]).filter(|best| !made_up(best)))?;
+        self.curve.get(best)
     }
 }
 

@@ -22,7 +22,7 @@ pub struct Paired {
 }
 
 impl fmt::Display for Paired {
-    /// As `+0.25±0.03`, in dB.
+    /// Writes the difference as `+0.25±0.03`, in dB.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let error = self.error.map_or_else(String::new, |error| format!("±{error:.2}"));
         write!(f, "{:+.2}{error}", self.difference)

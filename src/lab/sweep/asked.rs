@@ -84,7 +84,7 @@ impl Axis {
     fn check(self, name: &str) -> Result<(), String> {
         let Row { rungs, hint, check } = self.row();
         let there = || hint.map_or_else(|| format!("there are {}", rungs.join(", ")), ToOwned::to_owned);
-        check(name).map_err(|why| why.unwrap_or_else(|| format!("axis {self}: '{name}' is no rung; {}", there())))
+        check(name).map_err(|why| why.unwrap_or_else(|| format!("axis {self}: '{name}' is not a rung; {}", there())))
     }
 }
 

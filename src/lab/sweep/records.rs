@@ -240,7 +240,7 @@ impl AxisRecord {
         });
         if let Some((rung, _)) = next {
             return format!(
-                "{} is the next rung more exact than the default, {}: it {}, and the {} changes from {} to {}.",
+                "{} is the next rung more exact than the default, {}: it {}, and its accuracy ({}) changes from {} to {}.",
                 rung.name,
                 default.name,
                 self.change(rung, default),
@@ -362,7 +362,7 @@ mod tests {
         let axis = axis(&[("0", 9.0, 0.0), ("1e-4", 4.0, 0.1), ("1e-3", 5.0, 0.2), ("1e-2", 3.0, 0.4)]);
         assert_eq!(axis.rungs.iter().map(|r| r.front).collect::<Vec<_>>(), [true, true, false, true]);
         let said = "0 is the next rung more exact than the default, 1e-4: it takes 2.2 times as long (9.00 instead of 4.00 ms \
-                    a frame), and the error changes from 0.1000 to 0.";
+                    a frame), and its accuracy (error) changes from 0.1000 to 0.";
         assert_eq!(axis.sentence, said);
         assert!(axis.flat.is_empty());
     }

@@ -139,7 +139,7 @@ pub(super) fn switch(name: &str) -> Result<Option<(Effect, Choice)>, String> {
     }
     match Overrides::parse(name)? {
         (effect, _) if effect.trigger() == Trigger::Always => {
-            Err(format!("axis effects: '{name}' is no rung; this effect cannot be switched"))
+            Err(format!("axis effects: '{name}' is not a rung; this effect cannot be switched"))
         }
         other => Ok(Some(other)),
     }

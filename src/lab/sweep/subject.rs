@@ -126,7 +126,7 @@ pub fn of_model(
     let cameras = VirtualCameras { views: AROUND, ..cameras };
     let (cameras, settings) = cameras.views(&model, background, Style::of(mode));
     let resident = Resident::upload(session.device, &model)?;
-    let responses = virtual_views::responses(session, &resident, (&cameras, None), settings, Wanted::CHANNELS)?;
+    let responses = virtual_views::responses(session, &resident, &cameras, None, settings, Wanted::CHANNELS)?;
     let mut renderer = Renderer::new(session.device, settings, model.len(), size.0, size.1)?;
     let mut views = Vec::new();
     for camera in few(cameras, VIEWS) {

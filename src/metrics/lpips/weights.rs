@@ -26,7 +26,7 @@ impl Lpips {
         }
         let data = std::fs::read(path).map_err(read)?;
         let file = SafeTensors::deserialize(&data)
-            .map_err(|e| Error::weights(path, format!("is no whole safetensors file ({e})")))?;
+            .map_err(|e| Error::weights(path, format!("is not a complete safetensors file ({e})")))?;
         let file = File { path, file };
 
         let (kind, stages) = match file.shape("conv0.weight")?[..] {

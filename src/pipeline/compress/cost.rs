@@ -14,27 +14,30 @@ const FINE: f64 = 44.0;
 /// usual ones, or finer ones if the loss is visible.
 pub fn pack(
     session: &Session<'_>,
-    (model, style): (&Gaussians, Style),
+    model: &Gaussians,
+    style: Style,
     target: &Target<'_>,
 ) -> Result<(Vec<u8>, Option<f64>), Error> {
     let usual = target.usual(model);
     let ladder = target.ladder(model);
     let rungs = ladder.coarse().map(formats::Precision::with_all_means);
     let finer = rungs.skip_while(|rung| *rung != usual).filter(|rung| *rung != usual);
-    let mut measured = measure(session, (model, style), (target, usual))?;
+    let mut measured = measure(session, model, style, target, usual)?;
     for rung in finer {
         if measured.1.is_none_or(|psnr| psnr >= FINE) {
             break;
         }
-        measured = measure(session, (model, style), (target, rung))?;
+        measured = measure(session, model, style, target, rung)?;
     }
     Ok(measured)
 }
 
 fn measure(
     session: &Session<'_>,
-    (model, style): (&Gaussians, Style),
-    (target, precision): (&Target<'_>, formats::Precision),
+    model: &Gaussians,
+    style: Style,
+    target: &Target<'_>,
+    precision: formats::Precision,
 ) -> Result<(Vec<u8>, Option<f64>), Error> {
     let packed = target.pack(model, style.mode(), precision)?;
     let read = formats::read_bytes(&packed, target.format).map_err(Error::writing)?;

@@ -41,7 +41,7 @@ pub fn curve(
         let what = "a curve is measured on held-out photos, and there are none: give --eval-every 2 or more, and two photos at least";
         return Err(Error::Usage(what.to_owned()));
     }
-    let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
+    let responses = train::respond(session, shown.source(), model.degree(), &views, None, config)?;
     let judge = Judge::new(session, &views, shown.source(), false)?;
     drop(shown);
     let fitter = Fitter::new(&judge, &model, &responses, config);
@@ -76,7 +76,7 @@ pub fn curve(
                 parts: formats::parts(&packed),
             });
             if half == MIDDLE {
-                for (attribute, changed) in alone(&model, config, (&target, record.precision))? {
+                for (attribute, changed) in alone(&model, config, &target, record.precision)? {
                     let psnr = mean(&changed)?.psnr;
                     attributes.push(AttributeLoss { format: format.clone(), wanted, attribute, psnr });
                 }
@@ -106,7 +106,8 @@ pub fn curve(
 fn alone(
     model: &Gaussians,
     config: &CompressConfig,
-    (target, precision): (&Target<'_>, Precision),
+    target: &Target<'_>,
+    precision: Precision,
 ) -> Result<Vec<(&'static str, Gaussians)>, Error> {
     let stored = |precision| -> Result<Gaussians, Error> {
         let packed = target.pack(model, config.style.mode(), precision)?;

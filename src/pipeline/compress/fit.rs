@@ -187,29 +187,31 @@ impl<'a> Files<'a> {
     /// No file yet.
     fn new(
         model: &'a dyn Fn(usize) -> Gaussians,
-        (mode, judge): (RenderMode, Option<&'a Judge<'a>>),
-        (target, rungs): (&'a Target<'a>, Vec<Precision>),
+        mode: RenderMode,
+        judge: Option<&'a Judge<'a>>,
+        target: &'a Target<'a>,
+        rungs: Vec<Precision>,
         most: u64,
     ) -> Self {
         Self { model, mode, target, rungs, judge, most, made: VecDeque::new(), tried: 0 }
     }
 
-    fn pack(&self, (rung, gaussians): (usize, usize)) -> Result<Vec<u8>, Error> {
+    fn pack(&self, rung: usize, gaussians: usize) -> Result<Vec<u8>, Error> {
         let (mut model, precision) = ((self.model)(gaussians), self.rungs[rung]);
         up_to(&mut model, precision);
         self.target.pack(&model, self.mode, precision)
     }
 
     /// The packed model of a file, again if it was made long ago.
-    fn take(&mut self, file: (usize, usize)) -> Result<Vec<u8>, Error> {
-        match self.made.iter().position(|(made, _)| *made == file).and_then(|at| self.made.remove(at)) {
+    fn take(&mut self, rung: usize, gaussians: usize) -> Result<Vec<u8>, Error> {
+        match self.made.iter().position(|(made, _)| *made == (rung, gaussians)).and_then(|at| self.made.remove(at)) {
             Some((_, packed)) => Ok(packed),
-            None => self.pack(file),
+            None => self.pack(rung, gaussians),
         }
     }
 
-    fn keep(&mut self, file: (usize, usize), packed: Vec<u8>) {
-        self.made.push_back((file, packed));
+    fn keep(&mut self, rung: usize, gaussians: usize, packed: Vec<u8>) {
+        self.made.push_back(((rung, gaussians), packed));
         if self.made.len() > KEPT {
             self.made.pop_front();
         }
@@ -222,10 +224,10 @@ impl Trials for Files<'_> {
     fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, Error> {
         let watcher = self.judge.map(|judge| judge.session.watcher);
         watcher.map_or(Ok(()), Watcher::unless_stopped)?;
-        let packed = self.pack((rung, gaussians))?;
+        let packed = self.pack(rung, gaussians)?;
         let length = self.target.length(&packed);
         if length <= self.most {
-            self.keep((rung, gaussians), packed);
+            self.keep(rung, gaussians, packed);
         }
         self.tried += 1;
         if let Some(watcher) = watcher {
@@ -236,9 +238,9 @@ impl Trials for Files<'_> {
 
     fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, Error> {
         let Some(judge) = self.judge else { return Ok(f64::INFINITY) };
-        let packed = self.take((rung, gaussians))?;
+        let packed = self.take(rung, gaussians)?;
         let psnr = judge.psnr(&packed, self.target.format)?;
-        self.keep((rung, gaussians), packed);
+        self.keep(rung, gaussians, packed);
         Ok(psnr)
     }
 }
@@ -279,10 +281,9 @@ impl<'a> Fitter<'a> {
     pub fn fit(&self, aim: Aim, target: &Target<'_>) -> Result<Fitted, Error> {
         let begun = Instant::now();
         let Ladder { rungs, steps } = target.ladder(self.model).to_search(self.model.degree());
-        let (mode, judge) = (self.config.style.mode(), Some(self.judge));
         let model = |gaussians| self.sequence.pairs(self.model, &self.responses.scores, gaussians).kept();
         let most = if let Aim::Bytes(size) = aim { size } else { u64::MAX };
-        let mut files = Files::new(&model, (mode, judge), (target, rungs), most);
+        let mut files = Files::new(&model, self.config.style.mode(), Some(self.judge), target, rungs, most);
         let mut search = Search::new(&mut files, self.model.len(), &steps);
         let found = search.find(aim)?;
         let tried = search.tried();
@@ -297,7 +298,7 @@ impl<'a> Fitter<'a> {
                 )));
             }
         };
-        let packed = files.take((chosen.rung, chosen.gaussians))?;
+        let packed = files.take(chosen.rung, chosen.gaussians)?;
         let merged = self.sequence.pairs(self.model, &self.responses.scores, chosen.gaussians);
         let plan = prune::of_pairs(merged, self.responses, begun);
         let record = AimRecord { aim, chosen, precision: files.rungs[chosen.rung], rungs: files.rungs.len(), tried };
@@ -315,7 +316,8 @@ fn readable(bytes: u64) -> String {
 pub fn packed(
     judge: Option<&Judge<'_>>,
     model: &Gaussians,
-    (config, psnr): (&CompressConfig, Option<f64>),
+    config: &CompressConfig,
+    psnr: Option<f64>,
     target: &Target<'_>,
 ) -> Result<Option<Vec<u8>>, Error> {
     if formats::is_exact(target.format) {
@@ -340,7 +342,8 @@ pub fn packed(
 pub fn within(
     model: &mut Gaussians,
     mode: RenderMode,
-    (most, near): (u64, usize),
+    most: u64,
+    near: usize,
     target: &Target<'_>,
 ) -> Result<Vec<u8>, Error> {
     let Ladder { rungs, steps } = target.ladder(model).to_search(model.degree());
@@ -351,11 +354,11 @@ pub fn within(
         numbers.sort_unstable();
         model.select(&numbers)
     };
-    let mut files = Files::new(&most_of, (mode, None), (target, rungs), most);
-    let point = Search::new(&mut files, model.len(), &steps).refine(most, near)?;
-    let (packed, precision) = (files.take(point)?, files.rungs[point.0]);
-    if point.1 < model.len() {
-        let most = most_of(point.1);
+    let mut files = Files::new(&most_of, mode, None, target, rungs, most);
+    let (rung, gaussians) = Search::new(&mut files, model.len(), &steps).refine(most, near)?;
+    let (packed, precision) = (files.take(rung, gaussians)?, files.rungs[rung]);
+    if gaussians < model.len() {
+        let most = most_of(gaussians);
         *model = most;
     }
     up_to(model, precision);
@@ -376,7 +379,7 @@ fn by_what_shows(model: &Gaussians) -> Vec<usize> {
 
 /// The choice as text: `4.93 MB of 5 MB: 412,300 Gaussians, 35.8 dB`, with the PSNR of the file's pictures, infinite if they
 /// are equal.
-pub fn line(record: &AimRecord, (bytes, gaussians): (u64, usize), psnr: Option<f64>) -> String {
+pub fn line(record: &AimRecord, bytes: u64, gaussians: usize, psnr: Option<f64>) -> String {
     let psnr = psnr.filter(|v| v.is_finite()).map_or_else(|| "equal pictures".to_owned(), |v| format!("{v:.1} dB"));
     let made = megabytes(bytes as f64, 2);
     let asked = match record.aim {
@@ -386,9 +389,13 @@ pub fn line(record: &AimRecord, (bytes, gaussians): (u64, usize), psnr: Option<f
     format!("{made} {asked}: {}, {psnr}", counted(gaussians, "Gaussian"))
 }
 
-/// Bytes as text, in kB or MB.
+/// Bytes as text, in kB, MB or GB.
 pub fn megabytes(bytes: f64, digits: usize) -> String {
-    let (value, unit) = if bytes < 1e6 { (bytes / 1e3, "kB") } else { (bytes / 1e6, "MB") };
+    let (value, unit) = match bytes {
+        ..1e6 => (bytes / 1e3, "kB"),
+        1e6..1e9 => (bytes / 1e6, "MB"),
+        _ => (bytes / 1e9, "GB"),
+    };
     let text = format!("{value:.digits$}");
     format!("{} {unit}", text.trim_end_matches('0').trim_end_matches('.'))
 }

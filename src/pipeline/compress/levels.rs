@@ -19,7 +19,7 @@ pub fn levels(
     count: usize,
 ) -> Result<Vec<Gaussians>, Error> {
     let (views, shown) = Views::load(session, model, config, 0..0)?;
-    let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
+    let responses = train::respond(session, shown.source(), model.degree(), &views, None, config)?;
     drop(shown);
     let target = |level: usize| (model.len() as f64 * SHARE.powi(level as i32)).round().max(1.0) as usize;
     let coarsest = target(count.saturating_sub(1));

@@ -44,16 +44,18 @@ pub struct Input<'a> {
 /// PLY file of the result.
 ///
 /// # Errors
-/// As of [`compress_to`], without those of files.
+/// The errors of [`compress_to`], without those of files.
 pub fn compress_in_memory(
     session: &Session<'_>,
-    (model, origin): (Gaussians, [f64; 3]),
-    (config, aim): (&CompressConfig, Option<Aim>),
+    model: Gaussians,
+    origin: [f64; 3],
+    config: &CompressConfig,
+    aim: Option<Aim>,
 ) -> Result<(CompressRecord, Gaussians), Error> {
     let nowhere = Path::new("");
     let input = Input { path: nowhere, model, read_s: 0.0 };
     let target = Target { path: nowhere, origin, ..Target::new(Path::new("model.ply")) };
-    let Reduced { record, model, .. } = reduce(session, input, (config, aim), &target)?;
+    let Reduced { record, model, .. } = reduce(session, input, config, aim, &target)?;
     Ok((record, model))
 }
 
@@ -66,11 +68,12 @@ pub fn compress_in_memory(
 pub fn compress_to(
     session: &Session<'_>,
     input: Input<'_>,
-    (config, aim): (&CompressConfig, Option<Aim>),
+    config: &CompressConfig,
+    aim: Option<Aim>,
     target: &Target<'_>,
 ) -> Result<CompressRecord, Error> {
     let begun = Instant::now();
-    let Reduced { mut record, model, packed } = reduce(session, input, (config, aim), target)?;
+    let Reduced { mut record, model, packed } = reduce(session, input, config, aim, target)?;
     session.watcher.unless_stopped()?;
     let writing = Instant::now();
     target.write(packed, &model, config.style.mode())?;
@@ -92,7 +95,8 @@ struct Reduced {
 fn reduce(
     session: &Session<'_>,
     input: Input<'_>,
-    (config, aim): (&CompressConfig, Option<Aim>),
+    config: &CompressConfig,
+    aim: Option<Aim>,
     target: &Target<'_>,
 ) -> Result<Reduced, Error> {
     let begun = Instant::now();
@@ -111,7 +115,7 @@ fn reduce(
     let before = if views.truth == Truth::Photos { scoring.scores(shown.source())? } else { Vec::new() };
 
     let responding = Instant::now();
-    let responses = train::respond(session, shown.source(), model.degree(), (&views, None), config)?;
+    let responses = train::respond(session, shown.source(), model.degree(), &views, None, config)?;
     time.responses_s = seconds(responding);
 
     // Pictures decide how finely a model is worth storing.
@@ -153,12 +157,11 @@ fn reduce(
         Some((packed, record)) if tuned.is_empty() => (Some(packed), Some(record)),
         Some((packed, record)) => {
             let most = if let Aim::Bytes(size) = record.aim { size } else { target.length(&packed) };
-            let near = record.chosen.rung;
-            (Some(fit::within(&mut model, config.style.mode(), (most, near), target)?), Some(record))
+            (Some(fit::within(&mut model, config.style.mode(), most, record.chosen.rung, target)?), Some(record))
         }
-        None => (fit::packed(judge.as_ref(), &model, (config, psnr), target)?, None),
+        None => (fit::packed(judge.as_ref(), &model, config, psnr, target)?, None),
     };
-    let written = of_file(&mut scoring, (packed.as_deref(), target), unpacked)?;
+    let written = of_file(&mut scoring, packed.as_deref(), target, unpacked)?;
     time.evaluate_s = scoring.seconds;
     time.write_s = seconds(writing);
     time.total_s = read_s + seconds(begun);
@@ -183,7 +186,8 @@ fn reduce(
 /// Scores of a packed model; `unpacked` if its format stores floats.
 fn of_file(
     scoring: &mut Scoring<'_>,
-    (packed, target): (Option<&[u8]>, &Target<'_>),
+    packed: Option<&[u8]>,
+    target: &Target<'_>,
     unpacked: &[Scores],
 ) -> Result<Vec<Scores>, Error> {
     match packed.filter(|_| !formats::is_exact(target.format)) {

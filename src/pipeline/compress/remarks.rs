@@ -1,6 +1,7 @@
 //! Remarks on a compression, which say what its figures mean for the user.
 
 use super::fit::megabytes;
+use crate::extension::has_extension;
 use crate::job::records::{Aim, CompressRecord};
 use crate::metrics::Scores;
 use std::path::Path;
@@ -21,7 +22,7 @@ pub enum Remark {
     Warning(String),
 }
 
-/// Where a file has more or less than was requested, and whether packing ruined it.
+/// Where a file has more or less than was requested; without a request, whether packing ruined it.
 pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
     let CompressRecord { aim, input, output, test, .. } = figures;
     let of_aim = match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
@@ -29,6 +30,17 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
             let [own, size] = [output.bytes, size].map(|bytes| megabytes(bytes as f64, 1));
             Some(Remark::Note(format!(
                 "the whole model takes {own} in this format: no larger file, up to {size}, is better"
+            )))
+        }
+        Some((Aim::Bytes(size), _))
+            if output.gaussians < input.gaussians
+                && (1..size).contains(&input.bytes)
+                && !has_extension(&input.path, &["json", "gltf"]) =>
+        // files with parts elsewhere
+        {
+            Some(Remark::Note(format!(
+                "the input holds all Gaussians in {}, fewer bytes than requested: this format needs more for each Gaussian",
+                megabytes(input.bytes as f64, 1)
             )))
         }
         Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => Some(Remark::Warning(format!(
@@ -42,7 +54,7 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
     };
     let psnr = |scores: &Option<Scores>| scores.as_ref().map(|scores| scores.psnr.unwrap_or(f64::INFINITY));
     let packing = psnr(test.fine_tuned.as_ref().map_or(&test.pruned, |_| &test.fine_tuned)).zip(psnr(&test.written));
-    let ruined = packing.filter(|(before, written)| before - written > PACKED);
+    let ruined = packing.filter(|(before, written)| aim.is_none() && before - written > PACKED);
     of_aim.into_iter().chain(ruined.and_then(|(_, written)| poor(&output.path, written))).collect()
 }
 

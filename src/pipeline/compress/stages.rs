@@ -57,13 +57,15 @@ pub fn evidence(
     session: &Session<'_>,
     model: &Gaussians,
     config: &CompressConfig,
-    (chunk, photos, exposures): (usize, &[String], Option<Exposures>),
+    chunk: usize,
+    photos: &[String],
+    exposures: Option<Exposures>,
 ) -> Result<Responses, Error> {
     let of_chunk = |n: usize, each: usize| (each * CHUNK * chunk).min(n)..(each * CHUNK * (chunk + 1)).min(n);
     let (views, shown, all) = match &config.views {
         ViewSource::Photos(selection) => {
             let names = &photos[of_chunk(photos.len(), 1)];
-            let (views, shown) = Views::named(session, model, (selection, names), config)?;
+            let (views, shown) = Views::named(session, model, selection, names, config)?;
             (views, shown, photos.len())
         }
         ViewSource::OwnPictures { .. } => {
@@ -76,17 +78,18 @@ pub fn evidence(
         Exposures::Known(maps) => Exposures::Known(maps[of_chunk(maps.len(), exposure::SIZE)].to_vec()),
         learnt @ Exposures::Learnt(_) => learnt,
     });
-    train::respond(session, shown.source(), model.degree(), (&Views { exposures, ..views }, Some(all)), config)
+    train::respond(session, shown.source(), model.degree(), &Views { exposures, ..views }, Some(all), config)
 }
 
 /// Selects the Gaussians by the responses of all chunks in their order. Photos are named, but not decoded.
 pub fn choose(
     session: &Session<'_>,
     model: &Gaussians,
-    (config, photos): (&CompressConfig, &[String]),
+    config: &CompressConfig,
+    photos: &[String],
     chunks: impl Iterator<Item = Result<Responses, Error>>,
 ) -> Result<PrunePlan, Error> {
-    let (cameras, settings, shown) = Views::cameras(session, model, (config, photos))?;
+    let (cameras, settings, shown) = Views::cameras(session, model, config, photos)?;
     let responses = Responses::sum(model.len(), config.compression.selector.reads(), chunks)?;
     let responses = Responses { cameras, dilation: settings.dilation, ..responses };
     let request = PruneRequest { compression: &config.compression, keep: config.compression.keep, seed: config.seed };
@@ -100,11 +103,12 @@ pub fn score(
     model: &Gaussians,
     compressed: &Gaussians,
     config: &CompressConfig,
-    (held_out, photos): (Range<usize>, &[String]),
+    held_out: Range<usize>,
+    photos: &[String],
 ) -> Result<Vec<ViewStages>, Error> {
     let (views, shown) = match &config.views {
         ViewSource::Photos(selection) => {
-            let (views, shown) = Views::named(session, model, (selection, &photos[held_out]), config)?;
+            let (views, shown) = Views::named(session, model, selection, &photos[held_out], config)?;
             let test = views.names.iter().cloned().zip(views.train.iter().cloned()).collect();
             (Views { test, ..views }, shown)
         }

@@ -21,13 +21,14 @@ pub fn respond(
     session: &Session<'_>,
     model: Source<'_>,
     degree: usize,
-    (views, of): (&Views, Option<usize>),
+    views: &Views,
+    of: Option<usize>,
     config: &CompressConfig,
 ) -> Result<Responses, Error> {
     let Session { device, watcher, .. } = *session;
     let wanted = config.compression.selector.reads();
     if views.truth == Truth::Photos {
-        let options = options(device, (model.len(), degree), views, config);
+        let options = options(device, model.len(), degree, views, config);
         let follow = |done| -> Result<(), Error> {
             watcher.progress(Stage::Responses, done, views.train.len());
             watcher.unless_stopped()
@@ -35,7 +36,7 @@ pub fn respond(
         return train::responses(device, model, &views.train, &options, wanted, (follow, of));
     }
     let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();
-    virtual_views::responses(session, model, (&cameras, of), views.settings, wanted)
+    virtual_views::responses(session, model, &cameras, of, views.settings, wanted)
 }
 
 /// Trains the kept Gaussians further.
@@ -58,11 +59,11 @@ pub fn fine_tune(
 }
 
 fn trainer(device: &Device, model: &Gaussians, views: &Views, config: &CompressConfig) -> Result<Trainer, Error> {
-    let options = options(device, (model.len(), model.degree()), views, config);
+    let options = options(device, model.len(), model.degree(), views, config);
     Ok(Trainer::new(device, model, views.train.clone(), views.extent, options)?)
 }
 
-fn options(device: &Device, (gaussians, degree): (usize, usize), views: &Views, config: &CompressConfig) -> Options {
+fn options(device: &Device, gaussians: usize, degree: usize, views: &Views, config: &CompressConfig) -> Options {
     let end = Schedule::default().position_rate_end;
     Options {
         // A trained model continues with the rates of the end of training: positions move as slowly, and its number is

@@ -52,16 +52,17 @@ impl Views {
                 Ok((views, shown))
             }
             ViewSource::OwnPictures { cameras, background } => {
-                Self::of_model(session, model, (cameras, *background), config, held_out)
+                Self::of_model(session, model, cameras, *background, config, held_out)
             }
         }
     }
 
-    /// As [`Self::load`], only for the photos with these names, all of which are training photos.
+    /// Loads views as [`Self::load`] does, only from the photos with these names, all of which are training photos.
     pub fn named<'m>(
         session: &Session<'_>,
         model: &'m Gaussians,
-        (selection, names): (&Selection, &[String]),
+        selection: &Selection,
+        names: &[String],
         config: &CompressConfig,
     ) -> Result<(Self, DrawSource<'m>), Error> {
         Self::of_photos(session, model, open(selection)?.only(names)?, config)
@@ -89,7 +90,8 @@ impl Views {
     pub fn cameras<'m>(
         session: &Session<'_>,
         model: &'m Gaussians,
-        (config, names): (&CompressConfig, &[String]),
+        config: &CompressConfig,
+        names: &[String],
     ) -> Result<(Vec<Camera>, Settings, DrawSource<'m>), Error> {
         let ViewSource::Photos(selection) = &config.views else {
             let (views, shown) = Self::load(session, model, config, 0..0)?;
@@ -111,7 +113,8 @@ impl Views {
     fn of_model<'m>(
         session: &Session<'_>,
         model: &'m Gaussians,
-        (cameras, background): (&VirtualCameras, [f32; 3]),
+        cameras: &VirtualCameras,
+        background: [f32; 3],
         config: &CompressConfig,
         held_out: Range<usize>,
     ) -> Result<(Self, DrawSource<'m>), Error> {
@@ -121,8 +124,8 @@ impl Views {
         let place = budget::for_compress(session.device, model, Self::with_config(needs, model, config))?;
         let (cameras, settings) = cameras.views(model, background, config.style);
         let shown = DrawSource::new(session, model, place.whole)?;
-        let drawn = (config.fine_tune > 0, held_out);
-        let OwnPictures { train, test } = OwnPictures::draw(session, shown.source(), cameras, settings, drawn)?;
+        let OwnPictures { train, test } =
+            OwnPictures::draw(session, shown.source(), cameras, settings, config.fine_tune > 0, held_out)?;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
         let (truth, estimated_bytes) = (Truth::OwnPictures, place.bytes);
         Ok((Self { truth, train, names: Vec::new(), test, extent, settings, exposures: None, estimated_bytes }, shown))

@@ -44,7 +44,7 @@ impl Meaning {
 pub(super) enum Scale {
     /// The factor from its numbers to depths by the capture's points, which deviate by this share of the depth in the median.
     Points(f64, f64),
-    /// None: too few points lie in it.
+    /// No scale is known: too few points lie in the map.
     Unknown,
     /// The points contradict every scale.
     Apart,
@@ -133,7 +133,7 @@ fn line(samples: &[Sample]) -> Option<([f64; 2], f64)> {
 pub(super) struct Samples([Vec<Sample>; 2]);
 
 impl Samples {
-    /// Those of the points that lie in the map.
+    /// Samples of the points that lie in the map.
     pub fn of<'a>(view: &View, map: &Map, points: impl Iterator<Item = &'a Point>) -> Self {
         let [depths, rays] = [Meaning::Depths, Meaning::Rays].map(|meaning| Source::new(view, map, meaning));
         let mut samples = [Vec::new(), Vec::new()];

@@ -46,7 +46,7 @@ struct Known {
     scales: Vec<f64>,
     /// Median over the maps of the points' median deviation from each; none if too few points lie in every map.
     deviation: Option<f64>,
-    /// What most maps measure.
+    /// Meaning of most maps' numbers.
     meaning: Meaning,
     /// True if more maps contradict the points than fit them: those fit by chance.
     doubted: bool,
@@ -109,8 +109,8 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     let known = Known::of(&found);
     let shown = |f: &Found| -> Vec<(usize, DepthMap)> {
         let used = f.map.as_ref().ok().and_then(|fitted| Some((&fitted.map, known.use_of(fitted)?)));
-        let Some((map, by)) = used else { return Vec::new() };
-        f.views.iter().map(|v| (*v, seen(&scene.views[*v], map, by, resize))).collect()
+        let Some((map, (meaning, scale))) = used else { return Vec::new() };
+        f.views.iter().map(|v| (*v, seen(&scene.views[*v], map, meaning, scale, resize))).collect()
     };
     let maps: Vec<(usize, DepthMap)> = found.par_iter().flat_map_iter(shown).collect();
     let pixels: u64 = views.iter().map(|v| scene.views[*v].camera_at(resize).pixels()).sum();
@@ -123,7 +123,7 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
         off => (DepthWitness::Points, off),
     };
     let unseen = by == DepthWitness::Maps && deviation.is_none() && usable > 1;
-    let notes = notes(scene, &found, &known, (usable, points.len(), unseen));
+    let notes = notes(scene, &found, &known, usable, points.len(), unseen);
     if let (DepthWitness::Maps, Some(apart)) = (by, deviation.filter(|deviation| *deviation > APART)) {
         let notes = vec![format!(
             "depth maps show the same places at depths {:.0} % apart in the median, and no points tell their scale (inverse depths? \
@@ -138,7 +138,7 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
 }
 
 /// Notes for the user: unused maps with reasons, and the number of points from the others.
-fn notes(scene: &Scene, found: &[Found], known: &Known, (usable, points, unseen): (usize, usize, bool)) -> Vec<String> {
+fn notes(scene: &Scene, found: &[Found], known: &Known, usable: usize, points: usize, unseen: bool) -> Vec<String> {
     let mut unread: BTreeMap<&str, Names> = BTreeMap::new();
     for f in found {
         if let Err(what) = &f.map {
@@ -196,7 +196,7 @@ struct Tracks {
 }
 
 impl Tracks {
-    /// None if no track names a view of the scene.
+    /// The points of each view; none if no track names a view of the scene.
     fn of(scene: &Scene) -> Option<Self> {
         let entries = || {
             let points = scene.points.iter().zip(0_u32..);
@@ -258,7 +258,7 @@ fn camera(view: &View, resize: Resize) -> Camera {
 }
 
 /// The depths that a view sees of its photo's map, pixel by pixel.
-fn seen(view: &View, map: &Map, (meaning, scale): (Meaning, f64), resize: Resize) -> DepthMap {
+fn seen(view: &View, map: &Map, meaning: Meaning, scale: f64, resize: Resize) -> DepthMap {
     let (camera, source) = (camera(view, resize), Source::new(view, map, meaning));
     let depth = |n: u32| {
         let pixel = DVec2::new(f64::from(n % camera.width), f64::from(n / camera.width)) + 0.5;

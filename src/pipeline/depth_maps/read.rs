@@ -46,9 +46,13 @@ pub fn read(path: &Path, step: Option<f64>) -> Result<Map, String> {
     of_bytes(&std::fs::read(path).map_err(|e| e.to_string())?, step)
 }
 
-/// As [`read`], of a file's bytes.
+/// Reads a map from a file's bytes, see [`read`].
 pub fn of_bytes(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
     let mut map = decoded(bytes, step)?;
+    let any = |is: fn(&f32) -> bool| map.depths.iter().any(is);
+    if any(|depth| *depth < 0.0) && !any(|depth| *depth > 0.0) {
+        return Err("holds only negative depths: change their sign".to_owned());
+    }
     map.drop_background();
     map.sparse = map.is_sparse();
     Ok(map)

@@ -20,7 +20,8 @@ pub fn camera_errors(
     session: &Session<'_>,
     model: &Gaussians,
     photos: &[&Photo],
-    (settings, fits_exposure): (Settings, bool),
+    settings: Settings,
+    fits_exposure: bool,
 ) -> Result<Option<CameraErrors>, Error> {
     let is_wide = |photo: &&Photo| photo.camera.width.max(photo.camera.height) > SIDE as u32;
     let mut usable = Vec::new();
@@ -38,7 +39,7 @@ pub fn camera_errors(
     let size = camera::largest(photos.iter().map(|photo| &photo.camera));
     let whole = budget::for_pictures(session.device, model, size, settings.style)?.whole;
     let depths = {
-        let mut painter = DepthPainter::new(session.device, model, (settings, size, whole))?;
+        let mut painter = DepthPainter::new(session.device, model, settings, size, whole)?;
         let draw = |photo: &&Photo| Ok(painter.draw(&photo.camera)?.expected);
         photos.iter().map(draw).collect::<Result<Vec<_>, Error>>()?
     };

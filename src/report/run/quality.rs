@@ -1,6 +1,6 @@
 //! PSNR and number of Gaussians over the run.
 
-use crate::job::records::{CurvePoint, PruneRecord, RunRecord};
+use crate::job::records::{CameraErrors, CurvePoint, PruneRecord, RunRecord};
 use crate::report::format::{decimals, percent};
 use crate::report::page::{absent, side_by_side};
 use crate::report::plot::{Axis, Line, Lines, Mark};
@@ -45,22 +45,27 @@ pub fn body(results: &RunRecord) -> Markup {
     });
     // Pictures that are equal to their photos have an infinite PSNR.
     let finite = results.camera_errors.filter(|errors| errors.fitted_psnr.is_finite());
-    let cameras = finite.map(|errors| {
-        format!(
-            "Moved by {} pixels (median of {}), the cameras of held-out views fit {} dB better: {} instead of {} dB on every \
-             other square of 8 × 8 pixels, after a fit to the rest.",
-            decimals(errors.pixels, 2),
-            errors.views,
-            decimals(errors.fitted_psnr - errors.psnr, 2),
-            decimals(errors.fitted_psnr, 2),
-            decimals(errors.psnr, 2)
-        )
-    });
+    let cameras = finite.as_ref().map(moved);
     html! {
         (side_by_side(&[psnr.draw(), gaussians.draw()]))
         @if let Some(past) = past { p { (past) } }
         @if let Some(cameras) = cameras { p { (cameras) } }
     }
+}
+
+/// How far held-out views' cameras were moved, and how much better or worse they fit then.
+fn moved(errors: &CameraErrors) -> String {
+    let gain = errors.fitted_psnr - errors.psnr;
+    format!(
+        "Moved by {} pixels (median of {}), the cameras of held-out views fit {} dB {}: {} instead of {} dB on every \
+         other square of 8 × 8 pixels, after a fit to the rest.",
+        decimals(errors.pixels, 2),
+        errors.views,
+        decimals(gain.abs(), 2),
+        if gain < 0.0 { "worse" } else { "better" },
+        decimals(errors.fitted_psnr, 2),
+        decimals(errors.psnr, 2)
+    )
 }
 
 /// Time at which an iteration was done, interpolated between the points of the curve.
@@ -94,6 +99,13 @@ fn gaussians(results: &RunRecord) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cameras_fit_better_or_worse() {
+        let told = |fitted_psnr| moved(&CameraErrors { views: 3, pixels: 0.5, psnr: 30.0, fitted_psnr });
+        assert!(told(30.25).contains("fit 0.25 dB better: 30.25 instead of 30.00 dB"), "{}", told(30.25));
+        assert!(told(29.96).contains("fit 0.04 dB worse: 29.96 instead of 30.00 dB"), "{}", told(29.96));
+    }
 
     #[test]
     fn a_prune_is_found_in_time() {

@@ -52,6 +52,13 @@ impl DepthMaps {
         })
     }
 
+    /// The only subfolder of a folder without files.
+    pub fn only_folder(&self) -> Option<PathBuf> {
+        let mut folders = inside(&self.folder).into_iter().filter(|path| path.is_dir());
+        let first = folders.next()?;
+        (self.files.is_empty() && folders.next().is_none()).then_some(first)
+    }
+
     /// A note on a folder none of whose files is a photo's.
     pub fn doubt(&self) -> String {
         let (folder, number) = (self.folder.display(), counted(self.files.len(), "file"));

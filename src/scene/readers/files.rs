@@ -1,14 +1,14 @@
 //! Files of a scene: photos by folder and extension, sizes of photos, whole files.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::kinds::{EXTENSIONS, is_photo_name, unread_format};
-use super::names::{key, relative, tidy, unescaped};
+use super::names::{is_result, key, relative, tidy, unescaped};
 use super::tree::photo_names;
 use crate::scene::Error;
-use crate::scene::image_file::{IS_LFS_POINTER, LFS_POINTER};
+use crate::scene::image_file::{IS_LFS_POINTER, LFS_POINTER, is_unread};
 use crate::scene::image_size::image_size;
 
 /// The photo folder that the user names: within the scene, otherwise a path of its own.
@@ -52,7 +52,7 @@ pub(super) fn inside(folder: &Path) -> Vec<PathBuf> {
 pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {
     for candidate in candidates {
         if is_photo_name(candidate) && candidate.is_file() {
-            return candidate.clone();
+            return copy_of_unread(candidate).unwrap_or_else(|| candidate.clone());
         }
         if is_photo_name(candidate) || unread_format(candidate).is_some() {
             if let Some(found) = EXTENSIONS.iter().map(|e| candidate.with_extension(e)).find(|p| p.is_file()) {
@@ -63,6 +63,27 @@ pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {
         }
     }
     candidates.first().cloned().unwrap_or_default()
+}
+
+/// Folders that may hold a capture: neither hidden nor results of this program.
+pub(super) fn subfolders(folder: &Path) -> impl Iterator<Item = PathBuf> {
+    let hidden = |path: &Path| path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+    inside(folder).into_iter().filter(move |path| !hidden(path) && path.is_dir() && !is_result(path))
+}
+
+/// The photo's name with each other extension of photos.
+fn others(photo: &Path) -> impl Iterator<Item = PathBuf> {
+    EXTENSIONS.iter().map(move |e| photo.with_extension(e)).filter(move |other| other != photo)
+}
+
+/// A copy beside a photo whose format, whatever its name says, or whose encoding is not read.
+fn copy_of_unread(photo: &Path) -> Option<PathBuf> {
+    if is_unread(photo) { others(photo).find(|copy| photo_size(copy).is_some()) } else { None }
+}
+
+/// True if one of these photos that are used stands for one that is not read.
+pub(super) fn is_replaced(photo: &Path, used: &HashSet<&Path>) -> bool {
+    others(photo).any(|copy| used.contains(copy.as_path())) && is_unread(photo)
 }
 
 /// `path.extension`, even if the path has dots already.

@@ -4,10 +4,12 @@ use std::fs;
 use std::io::Read;
 use std::path::Path;
 
-use super::files::{child, inside};
+use super::files::{child, inside, subfolders};
 
 /// How much of a file tells its format.
 const BEGINNING: u64 = 4096;
+/// Maximum number of subfolders that are looked into.
+const SUBFOLDERS: usize = 64;
 
 /// A format of poses that is not read.
 struct Format {
@@ -30,7 +32,7 @@ const fn format(
     Format { names, holds, program, remedy }
 }
 
-const FOREIGN: [Format; 24] = [
+const FOREIGN: [Format; 28] = [
     format(&["reconstruction.json"], "", "OpenSfM", "`opensfm export_colmap` converts it"),
     format(&["sfm_data.json", "sfm_data.bin"], "", "OpenMVG", "`openMVG_main_openMVG2Colmap` converts it"),
     format(&["meta_data.json"], "", "SDFStudio", "give its photos to `pose`, or its transforms.json"),
@@ -44,9 +46,13 @@ const FOREIGN: [Format; 24] = [
         "give the COLMAP model that it was made from",
     ),
     format(&["metadata.json"], "", "Record3D", "nerfstudio's `ns-process-data record3d` converts it"),
+    format(&["corrected_cameras"], "", "Polycam", "nerfstudio's `ns-process-data polycam` converts it"),
+    format(&["trajectories.txt"], "# kapture", "kapture", "`kapture_export_colmap.py` converts it"),
+    format(&["odometry.csv"], "timestamp", "Stray Scanner", "convert it to a transforms.json"),
+    format(&["*.pose.txt"], "", "7-Scenes", "convert it to a transforms.json"),
     format(&["pose", "poses"], "", "ScanNet or NSVF", "convert it to a transforms.json"),
     format(
-        &["*.sfm", "sfm.json", "*.abc"],
+        &["*.sfm", "sfm.json", "*.abc", "meshroomcache"],
         "",
         "Meshroom",
         "its node ExportColmap, or `aliceVision_exportColmap`, converts it",
@@ -110,20 +116,25 @@ pub(super) fn file(path: &Path) -> Option<String> {
     (!is_transforms).then(|| format.told("this file, "))
 }
 
-/// A clause on the files in a folder, or beside its photos, that may hold poses and are not read; empty if there are none.
+/// A clause on the files in a folder, beside its photos or in a subfolder, that may hold poses and are not read; empty if there are
+/// none.
 pub(super) fn poses(folder: &Path) -> String {
     let images = child(folder, "images");
-    let told = [folder, &images].into_iter().find_map(in_folder);
-    told.or_else(|| half_a_model(folder)).unwrap_or_default()
+    let told = [folder, &images].into_iter().find_map(|place| in_folder(folder, place));
+    told.or_else(|| half_a_model(folder)).or_else(|| in_subfolders(folder)).unwrap_or_default()
 }
 
-fn in_folder(folder: &Path) -> Option<String> {
+fn in_folder(root: &Path, folder: &Path) -> Option<String> {
     let paths = inside(folder);
     FOREIGN.iter().find_map(|format| {
         let path = paths.iter().find(|path| format.is_of(path))?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let name = path.strip_prefix(root).unwrap_or(path).display();
         Some(format.told(&format!("; {name}, ")))
     })
+}
+
+fn in_subfolders(folder: &Path) -> Option<String> {
+    subfolders(folder).take(SUBFOLDERS).find_map(|path| in_folder(folder, &path))
 }
 
 /// A COLMAP model that lacks a file.

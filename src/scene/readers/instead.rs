@@ -10,8 +10,8 @@ use super::tree::{PhotoTree, unread};
 const UNSTITCHED: &str =
     "a 360° camera's own file: export it as an equirectangular video, and give that with --panoramas";
 
-/// What is there instead of photos or poses, with the remedy: of a file, what it is; of a folder, photos that are not read, a video or an
-/// archive.
+/// The contents of a path without photos or poses, with the remedy: of a file, its kind; of a folder, photos that are
+/// not read, a video or an archive.
 pub fn instead(path: &Path) -> Option<String> {
     if path.is_file() { of_file(path) } else { of_folder(path) }
 }

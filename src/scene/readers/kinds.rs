@@ -1,4 +1,4 @@
-//! What a file is by its extension: a photo, a photo in a format that is not read, a video, an archive.
+//! Kinds of files by their extension: photos, photos in formats that are not read, videos, archives.
 
 use crate::extension::{extension, has_extension};
 use std::path::Path;

@@ -156,7 +156,7 @@ struct Held {
 struct MaskFolders {
     /// The shortest name first.
     all: Vec<PathBuf>,
-    /// Those named after a folder of photos, by its name in lower case.
+    /// Mask folders named after a folder of photos, by its name in lower case.
     named: HashMap<String, Vec<PathBuf>>,
 }
 

@@ -26,6 +26,7 @@ pub use files::read_text;
 pub use instead::instead;
 pub use kinds::is_video_name;
 pub use masks::masks_of;
+pub(super) use tree::only_unread;
 pub use tree::{PhotoTree, photo_names};
 
 use std::collections::HashMap;
@@ -162,7 +163,11 @@ fn find_depths(folder: &Path, views: &mut [View], skipped: &mut Skipped) {
     // These replace those that the capture names.
     skipped.missing_depths = Names::default();
     let mut maps = depths::DepthMaps::of(folder);
-    let found: Vec<Option<PathBuf>> = views.iter().map(|view| maps.find(&view.name)).collect();
+    let mut found: Vec<Option<PathBuf>> = views.iter().map(|view| maps.find(&view.name)).collect();
+    if let Some(inner) = maps.only_folder().filter(|_| found.iter().all(Option::is_none)) {
+        maps = depths::DepthMaps::of(&inner);
+        found = views.iter().map(|view| maps.find(&view.name)).collect();
+    }
     let mut used: HashMap<&PathBuf, usize> = HashMap::new();
     found.iter().flatten().for_each(|map| *used.entry(map).or_default() += 1);
     for (view, map) in views.iter_mut().zip(&found) {
@@ -236,7 +241,7 @@ struct Ideal {
 }
 
 impl Ideal {
-    /// None if the lens folds its image.
+    /// The views that replace a lens's photos; none if the lens folds its image.
     fn of(lens: &Lens, options: &OpenOptions) -> Option<Self> {
         let mut faces = faces::of(lens);
         if options.undistort == Some(false) && lens.model != LensModel::Equirectangular {

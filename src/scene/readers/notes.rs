@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
 
+use super::files::is_replaced;
 use super::tree::PhotoTree;
 use super::{Point, View};
 use crate::sample::evenly;
@@ -78,7 +79,8 @@ pub(super) fn unposed(folder: &Path, (views, left_out): (&[View], &[PathBuf]), s
     let mut tree = PhotoTree::of(folder);
     tree.unread.retain(|name| !known.contains(folder.join(name).as_path()));
     // `a.jpg` and `a.png` may stand for each other.
-    for name in tree.names.iter().filter(|name| !known.contains(folder.join(name).as_path())) {
+    let is_used = |photo: &Path| known.contains(photo) || is_replaced(photo, &known);
+    for name in tree.names.iter().filter(|name| !is_used(&folder.join(name))) {
         skipped.unposed_images.add(name);
     }
     skipped.notes.extend(tree.notes());

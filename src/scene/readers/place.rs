@@ -4,9 +4,8 @@ use crate::extension::{folder_of, has_extension};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use super::files::{child, inside};
+use super::files::{child, inside, subfolders};
 use super::instead::instead;
-use super::names::is_result;
 use super::tree::{PhotoTree, unread};
 use super::{colmap, foreign, photo_folder};
 use crate::scene::{Error, OpenOptions};
@@ -166,7 +165,5 @@ fn numbered(folder: &Path) -> Option<Place> {
 
 /// The scenes in a folder's subfolders, sorted, without results of this program.
 fn within(folder: &Path) -> Vec<Place> {
-    let folders = inside(folder).into_iter().filter(|path| !own_name(path).starts_with('.'));
-    let scenes = folders.filter(|path| path.is_dir() && !is_result(path));
-    scenes.filter_map(|path| here(&path, &OpenOptions::default())).collect()
+    subfolders(folder).filter_map(|path| here(&path, &OpenOptions::default())).collect()
 }

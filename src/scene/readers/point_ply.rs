@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::files;
 use crate::kernels::constants::sh::float64::SH_C0;
-use crate::ply::{Fault, Header, Slot, Table, malformed, tables};
+use crate::ply::{COLOURS, Fault, Header, Slot, Table, malformed, tables};
 use crate::scene::{Error, Point};
 
 /// Reads the vertices of a PLY file.
@@ -16,7 +16,7 @@ pub(super) fn read(path: &Path) -> Result<Vec<Point>, Error> {
 
 fn points(bytes: &[u8]) -> Result<Vec<Point>, Fault> {
     if !bytes.starts_with(b"ply") {
-        return Err(malformed("the beginning", "is no PLY file; convert the point cloud to PLY"));
+        return Err(malformed("the beginning", "is not a PLY file; convert the point cloud to PLY"));
     }
     let header = Header::parse(bytes)?;
     let (tables, _) = tables(bytes, &header, &["vertex"])?;
@@ -69,8 +69,7 @@ impl Colour {
             let [Some(red), Some(green), Some(blue)] = names.map(|name| vertices.find(name)) else { return None };
             Some([red, green, blue])
         };
-        let names = [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
-        if let Some(columns) = names.into_iter().find_map(three) {
+        if let Some(columns) = COLOURS.into_iter().find_map(three) {
             return Self::Three(columns, columns[0].white(0.0).into());
         }
         let packed = ["rgb", "rgba"].into_iter().find_map(|name| vertices.find(name));

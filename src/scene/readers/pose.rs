@@ -61,7 +61,7 @@ pub(super) fn from_opengl(rows: &[Vec<f64>]) -> Option<(DMat3, DVec3)> {
     from_opengl_skewed(rows, 1e-3)
 }
 
-/// As [`from_opengl`], with another limit on the cosine between axes.
+/// Variant of [`from_opengl`] with another limit on the cosine between axes.
 pub(in crate::scene) fn from_opengl_skewed(rows: &[Vec<f64>], most: f64) -> Option<(DMat3, DVec3)> {
     let column = |c: usize| Some(DVec3::new(*rows.first()?.get(c)?, *rows.get(1)?.get(c)?, *rows.get(2)?.get(c)?));
     let centre = column(3)?;

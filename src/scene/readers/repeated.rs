@@ -1,15 +1,32 @@
 //! Views that a capture lists twice, and files that several views claim.
 
+use glam::{DMat3, DVec3};
 use std::collections::{HashMap, HashSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::names;
+use crate::scene::camera::Camera;
 use crate::scene::view::{Role, View};
 use crate::scene::{Error, Skipped};
 use crate::wording::counted;
 
-/// Drops views listed twice with the same fields; refuses a name with two poses or cameras, as either may be wrong.
-/// Views listed for training and for test have no role.
+/// Rounding of a pose that is written in two files, of entries of rotations and of translations; far translations are rounded to
+/// a millionth.
+const ROUNDED: f64 = 1e-4;
+
+/// True if two views have one lens, and one pose except for rounding.
+fn agree(a: &View, b: &View) -> bool {
+    let turned = (a.camera.rotation - b.camera.rotation).to_cols_array();
+    let moved = a.camera.translation.distance(b.camera.translation);
+    let exact = |view: &View| Camera { rotation: DMat3::IDENTITY, translation: DVec3::ZERO, ..view.camera.clone() };
+    exact(a) == exact(b)
+        && a.lens == b.lens
+        && turned.iter().all(|entry| entry.abs() <= ROUNDED)
+        && moved <= ROUNDED.max(1e-6 * a.camera.translation.length())
+}
+
+/// Drops views listed twice with the same fields, under one name or for one file; refuses a name with two poses or cameras, as
+/// either may be wrong. Views listed for training and for test have no role.
 pub(super) fn drop_repeated(
     views: Vec<(u32, View)>,
     source: &Path,
@@ -17,24 +34,28 @@ pub(super) fn drop_repeated(
 ) -> Result<Vec<(u32, View)>, Error> {
     let mut kept: Vec<(u32, View)> = Vec::with_capacity(views.len());
     let mut split_copies = 0_usize;
+    let mut of_file: HashMap<PathBuf, usize> = HashMap::new();
     for (id, view) in views {
-        match kept.last_mut() {
-            Some((_, last)) if last.name == view.name => {
-                if last.camera != view.camera || last.lens != view.lens {
-                    return Err(Error::malformed(
-                        source,
-                        format!("image {:?}", view.name),
-                        "is listed twice, with different poses or cameras; remove the wrong entry",
-                    ));
-                }
-                if last.role == view.role {
-                    skipped.repeated_views.add(&view.name);
-                } else if last.role != Role::Unsaid {
-                    split_copies += 1;
-                    last.role = Role::Unsaid;
-                }
-            }
-            _ => kept.push((id, view)),
+        let same_name = kept.len().checked_sub(1).filter(|last| kept[*last].1.name == view.name);
+        let same_file = of_file.get(&view.image).copied().filter(|i| agree(&kept[*i].1, &view));
+        let Some(i) = same_name.or(same_file) else {
+            of_file.entry(view.image.clone()).or_insert(kept.len());
+            kept.push((id, view));
+            continue;
+        };
+        let known = &mut kept[i].1;
+        if !agree(known, &view) {
+            return Err(Error::malformed(
+                source,
+                format!("image {:?}", view.name),
+                "is listed twice, with different poses or cameras; remove the wrong entry",
+            ));
+        }
+        if known.role == view.role {
+            skipped.repeated_views.add(&view.name);
+        } else if known.role != Role::Unsaid {
+            split_copies += 1;
+            known.role = Role::Unsaid;
         }
     }
     skipped.notes.extend((split_copies > 0).then(|| no_split(split_copies)));
@@ -43,7 +64,7 @@ pub(super) fn drop_repeated(
 
 /// The note on views that are held out and trained on.
 pub(super) fn no_split(count: usize) -> String {
-    format!("{} listed for training and for test, which is no split", counted(count, "view"))
+    format!("{} listed for both training and test: both roles are ignored", counted(count, "view"))
 }
 
 /// If two views claim one file, the view with exactly that name keeps it, otherwise the first. If only the last parts of their names
@@ -70,8 +91,8 @@ pub(super) fn unshare(root: &Path, views: &mut [View]) {
     }
 }
 
-/// Those of `twins`, views whose names have the same last part, whose file matches only that part of their name, while another
-/// name claims the same file or has none.
+/// The views among `twins`, whose names have the same last part, whose file matches only that part of their name, while
+/// another name claims the same file or has none.
 fn doubtful(views: &[View], twins: &[usize]) -> Vec<usize> {
     let named: Vec<String> = twins.iter().map(|i| names::folder_key(&views[*i].name)).collect();
     let mut claims: HashMap<&Path, HashSet<&str>> = HashMap::new();

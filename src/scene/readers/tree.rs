@@ -4,9 +4,10 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::files::photo_size;
+use super::files::{inside, photo_size};
 use super::kinds::{is_photo_name, unread_format};
 use super::names::{Named, belongs_to, is_scene, key, last};
+use crate::extension::folder_of;
 use crate::scene::Names;
 use crate::wording::counted;
 
@@ -47,7 +48,7 @@ impl PhotoTree {
         Self::read(folder, false)
     }
 
-    /// As [`Self::of`], but also looks into the subfolders of a folder that itself holds a scene with poses.
+    /// Looks into a folder as [`Self::of`] does, and also into its subfolders if it holds a scene with poses itself.
     pub(super) fn whole(folder: &Path) -> Self {
         Self::read(folder, true)
     }
@@ -109,8 +110,9 @@ impl PhotoTree {
         }
     }
 
-    /// Of folders with the same photos twice, keeps one: corrected_images before images, images before images_2, that before
-    /// images_4. Of other names, those ending in _2 hold copies if these are half as large: there are cameras of such names.
+    /// Keeps one of the folders with the same photos: corrected_images before images, images before images_2, that
+    /// before images_4. Folders with other names ending in _2 hold copies if these are half as large: there are cameras
+    /// of such names.
     fn drop_copies(&mut self, root: &Path) {
         let mut held: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
         for name in &self.names {
@@ -185,10 +187,22 @@ pub(super) fn unread(names: &[String]) -> Option<String> {
         some.add(name);
     }
     names.first().map(|name| {
-        let every = Path::new(name).extension().map_or_else(|| "*".into(), |e| format!("*.{}", e.display()));
-        let convert = format!("convert them, with ImageMagick by `magick mogrify -format jpg -quality 95 {every}`");
-        format!("{photos} in {formats}, which {is_not} ({some}): {convert}")
+        format!("{photos} in {formats}, which {is_not} ({some}): convert them, {}", conversion(Path::new(name)))
     })
+}
+
+/// The command that converts all photos with the extension of this one.
+fn conversion(photo: &Path) -> String {
+    let every = photo.extension().map_or_else(|| "*".into(), |e| format!("*.{}", e.display()));
+    format!("with ImageMagick by `magick mogrify -format jpg -quality 95 {every}`")
+}
+
+/// A clause on the file beside an absent photo that is the same photo in a format that is not read.
+pub(in crate::scene) fn only_unread(photo: &Path) -> Option<String> {
+    let mut same = inside(folder_of(photo)).into_iter().filter(|path| path.file_stem() == photo.file_stem());
+    let (path, format) = same.find_map(|path| unread_format(&path).map(|format| (path, format)))?;
+    let name = path.file_name()?.display();
+    Some(format!("only {name} is there, in {format}, which is not read: convert it, {}", conversion(&path)))
 }
 
 /// The factor by which photos in a folder of this name are smaller: 4 for images_4; 1 for others.

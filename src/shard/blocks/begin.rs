@@ -25,7 +25,8 @@ impl BlockRun {
         &self,
         session: &Session<'a>,
         config: RunConfig,
-        (block, exposures): (&Block, &[f32]),
+        block: &Block,
+        exposures: &[f32],
         output: &Output,
     ) -> Result<Setup<'a>, Error> {
         let begun = Instant::now();
@@ -75,7 +76,8 @@ impl Setup<'_> {
     pub(super) fn start(
         &mut self,
         output: &Output,
-        (begin, prunes): (impl FnOnce(&Self) -> Result<Snapshot, Error>, &[PruneRecord]),
+        begin: impl FnOnce(&Self) -> Result<Snapshot, Error>,
+        prunes: &[PruneRecord],
     ) -> Result<Start, Error> {
         let Session { device, watcher, .. } = self.session;
         let checkpoint = if output.checkpoint().exists() {

@@ -61,7 +61,7 @@ pub(super) fn meetings(config: &RunConfig) -> [u32; 3] {
 
 /// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run
 /// makes, in longer steps, and its share of the Gaussians.
-pub(super) fn of_block(config: &RunConfig, (block, b): (&Block, usize), all: usize) -> RunConfig {
+pub(super) fn of_block(config: &RunConfig, block: &Block, b: usize, all: usize) -> RunConfig {
     let views = block.crops.len();
     let mut schedule = config.schedule.clone().for_block(views, all);
     // The coarse model has all bands.
@@ -117,17 +117,17 @@ mod tests {
         let crop = |view| Crop { view, corner: [0, 0], size: [8, 8] };
         let block = Block { crops: (0..10).map(crop).collect(), painted: 0.3 };
         let whole = run(1000);
-        let first = of_block(&whole, (&block, 0), 40);
+        let first = of_block(&whole, &block, 0, 40);
         assert_eq!((first.schedule.iterations, first.max_gaussians), (250, 1200));
         assert_eq!(first.schedule.growth.and_then(|plan| plan.gaussians), Some(300));
         let rate = |config: &RunConfig| config.prune.as_ref().and_then(|prune| prune.attrition).unwrap().opacity_rate;
         let pruned = whole.clone().pruned(Pruning::default());
-        let of_pruned = of_block(&pruned, (&block, 0), 40);
+        let of_pruned = of_block(&pruned, &block, 0, 40);
         assert!((rate(&of_pruned) / rate(&pruned) - 2.0).abs() < 1e-12 && first.schedule.forgetting == 4.0);
-        let seeds = [whole.seed, first.seed, of_block(&whole, (&block, 1), 40).seed];
+        let seeds = [whole.seed, first.seed, of_block(&whole, &block, 1, 40).seed];
         assert!(seeds[0] != seeds[1] && seeds[1] != seeds[2] && seeds[0] != seeds[2]);
         let empty = Block { crops: Vec::new(), painted: 0.0 };
-        let none = of_block(&whole, (&empty, 0), 40);
+        let none = of_block(&whole, &empty, 0, 40);
         assert_eq!((none.schedule.iterations, none.max_gaussians), (1, 1));
     }
 

@@ -12,7 +12,7 @@ const FEW: usize = 10;
 /// The Gaussians that a block's training begins with, of those in its grown cell: the capture's points, at most `most` of them; `coarse`,
 /// those of the coarse model, where there are few points. Points lead to better test photos (docs/decisions.md). `unit` is the scene's size in
 /// usual ones.
-pub(super) fn first((points, unit): (&[Point], f64), grown: &Grown<'_>, coarse: Gaussians, most: usize) -> Gaussians {
+pub(super) fn first(points: &[Point], unit: f64, grown: &Grown<'_>, coarse: Gaussians, most: usize) -> Gaussians {
     let seeds: Vec<Seed> = points.iter().map(Seed::from).collect();
     let inside = |i: &usize| grown.contains(seeds[*i].position.as_vec3().to_array());
     let rows: Vec<usize> = (0..seeds.len()).filter(inside).collect();
@@ -57,17 +57,17 @@ mod tests {
                 .filter(|mean| grown.contains(*mean))
                 .collect::<Vec<_>>()
         };
-        let model = first((&points, 1.0), &grown, coarse.clone(), usize::MAX);
+        let model = first(&points, 1.0, &grown, coarse.clone(), usize::MAX);
         assert!(model.len() > 50 && model.means == inside(&points), "{}", model.len());
         assert!(model.degree() == 2 && model.validate().is_ok());
         // Points outside the cell are neighbours, too: all have the same distance to the nearest.
         let all_equal = model.log_scales[1..].iter().all(|scale| scale == &model.log_scales[1]);
         assert!(all_equal, "{:?}", model.log_scales);
-        assert_eq!(first((&points, 1.0), &grown, coarse.clone(), 20).len(), 20);
+        assert_eq!(first(&points, 1.0, &grown, coarse.clone(), 20).len(), 20);
 
         let few = &points[..inside(&points).len() / 11];
-        assert!(first((few, 1.0), &grown, coarse.select(&[3, 4]), usize::MAX).len() == few.len());
+        assert!(first(few, 1.0, &grown, coarse.select(&[3, 4]), usize::MAX).len() == few.len());
         let coarse = coarse.select(&(0..99).collect::<Vec<_>>());
-        assert!(first((few, 1.0), &grown, coarse.clone(), usize::MAX) == coarse);
+        assert!(first(few, 1.0, &grown, coarse.clone(), usize::MAX) == coarse);
     }
 }

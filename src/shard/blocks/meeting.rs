@@ -15,6 +15,17 @@ pub struct Meeting {
     pub starts: Vec<usize>,
 }
 
+/// A block at a meeting.
+#[derive(Clone, Copy)]
+pub struct AtMeeting<'a> {
+    /// All blocks.
+    pub layout: &'a Layout,
+    /// The block's number.
+    pub b: usize,
+    /// The meeting.
+    pub meeting: &'a Meeting,
+}
+
 /// Returns a block's state as it came to a meeting.
 pub(super) type Came<'a> = &'a dyn Fn(usize) -> Result<Snapshot, Error>;
 

@@ -4,7 +4,7 @@
 use super::derived::{check, coarse, meetings, of_block};
 use super::first::first;
 use super::layout::{GROWN, Layout};
-use super::meeting::{Came, Meeting};
+use super::meeting::{AtMeeting, Came, Meeting};
 use super::members::{Members, beginning, own, owned, with_tail};
 use super::seen::seen;
 use crate::effects::{Choice, Effect};
@@ -160,13 +160,12 @@ impl BlockRun {
         let small: Vec<Camera> = cameras.iter().map(smaller).collect();
         let settings = opened.settings(self.config.style, self.config.background);
         let resident = Resident::upload(session.device, coarse)?;
-        let scores = virtual_views::responses(session, &resident, (&small, None), settings, Wanted::SCORES)?.scores;
+        let scores = virtual_views::responses(session, &resident, &small, None, settings, Wanted::SCORES)?.scores;
         drop(resident);
         let weights: Vec<f32> = scores.iter().map(|score| score.contribution).collect();
         let around = Contraction::around(cameras.iter().map(Camera::centre));
         let cells = Cells::new(around, &coarse.means, &weights, self.blocks);
-        let owners = cells.owners(&coarse.means);
-        let seen = seen(session, coarse, (&owners, cells.count()), (&cameras, &small), settings)?;
+        let seen = seen(session, coarse, &cells, &cameras, &small, settings)?;
         Ok(Layout { exposures: exposures.clone(), ..Layout::new(cells, coarse, &weights, &cameras, &seen) })
     }
 
@@ -175,7 +174,8 @@ impl BlockRun {
     pub fn dense(
         &self,
         session: &Session<'_>,
-        (layout, b): (&Layout, usize),
+        layout: &Layout,
+        b: usize,
         coarse: &Gaussians,
         output: &Output,
     ) -> Result<Snapshot, Error> {
@@ -188,20 +188,20 @@ impl BlockRun {
         if members.trained.is_empty() || block.crops.is_empty() {
             return Ok(owned(&beginning(coarse.select(&members.trained), 0), &layout.cells, b));
         }
-        let config = of_block(&self.config, (block, b), self.photos.len());
-        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
+        let config = of_block(&self.config, block, b, self.photos.len());
+        let mut setup = self.setup(session, config, block, &layout.exposures, output)?;
         setup.take_share(coarse, &members.trained, layout.of_nothing())?;
         let before = |setup: &Setup<'_>| {
             let (points, grown) = (&setup.prepared.scene.points, layout.cells.grown(b, GROWN));
             let of_coarse = coarse.select(&members.trained);
             let first = match self.config.init {
-                Init::Points => first((points, setup.prepared.unit()), &grown, of_coarse, setup.config.max_gaussians),
+                Init::Points => first(points, setup.prepared.unit(), &grown, of_coarse, setup.config.max_gaussians),
                 Init::Random | Init::Model(_) => of_coarse,
             };
             Ok(beginning(first, 0))
         };
-        let until = meetings(&setup.config)[0];
-        let (snapshot, _) = train_block(&mut setup, (coarse, &members.trained, before), (until, None), output)?;
+        let train = ToTrain { scene: coarse, rows: &members.trained, before, until: |config| meetings(config)[0] };
+        let (snapshot, _) = train_block(&mut setup, train, None, output)?;
         Ok(owned(&snapshot, &layout.cells, b))
     }
 
@@ -215,7 +215,7 @@ impl BlockRun {
     ) -> Result<Responses, Error> {
         let (config, _) = self.choice()?;
         let exposures = self.config.exposure.then(|| Exposures::Known(layout.exposures.clone()));
-        stages::evidence(session, &collected.scaled(self.unit), &config, (chunk, &self.photos, exposures))
+        stages::evidence(session, &collected.scaled(self.unit), &config, chunk, &self.photos, exposures)
     }
 
     /// The number of Gaussians of each block that a choice among all of them keeps, by the responses of all chunks in
@@ -228,87 +228,90 @@ impl BlockRun {
     ) -> Result<(PruneRecord, Vec<usize>), Error> {
         let (config, _) = self.choice()?;
         let PrunePlan { record, keep, .. } =
-            stages::choose(session, &meeting.collected.scaled(self.unit), (&config, &self.photos), chunks)?;
+            stages::choose(session, &meeting.collected.scaled(self.unit), &config, &self.photos, chunks)?;
         let quota = |b: usize| keep[meeting.rows(b)].iter().filter(|kept| **kept).count();
         Ok((record.timeless(), (0..meeting.starts.len()).map(quota).collect()))
     }
 
-    /// Block number `b` from the first meeting to the second, with the Gaussians of the others frozen. It prunes to
+    /// A block from the first meeting to the second, with the Gaussians of the others frozen. It prunes to
     /// `quota` Gaussians; without a quota it also trains other blocks' Gaussians that lie in its grown cell, since each
     /// side of a border expects what the other does. It continues from the checkpoint in `output`, if there is one.
     pub fn tune(
         &self,
         session: &Session<'_>,
-        (layout, b, quota): (&Layout, usize, Option<usize>),
-        (meeting, came): (&Meeting, Came<'_>),
+        AtMeeting { layout, b, meeting }: AtMeeting<'_>,
+        quota: Option<usize>,
+        came: Came<'_>,
         output: &Output,
     ) -> Result<BlockState, Error> {
         let Some(block) = meeting.trains(layout, b) else {
             return Ok(BlockState { state: came(b)?, copies: 0, prune: None });
         };
-        let mut config = of_block(&self.config, (block, b), self.photos.len());
+        let mut config = of_block(&self.config, block, b, self.photos.len());
         if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
             pruning.compression.keep = Keep::Count(quota.max(1));
         }
-        let until = meetings(&config)[1];
         let margin = if quota.is_some() { Vec::new() } else { meeting.margin(layout, b) };
-        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
+        let mut setup = self.setup(session, config, block, &layout.exposures, output)?;
         let trained: Vec<usize> = meeting.rows(b).chain(margin.iter().copied()).collect();
         setup.take_share(&meeting.collected, &trained, layout.of_nothing())?;
         let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
-        let (snapshot, prune) = train_block(&mut setup, (&meeting.collected, &trained, before), (until, None), output)?;
+        let train = ToTrain { scene: &meeting.collected, rows: &trained, before, until: |config| meetings(config)[1] };
+        let (snapshot, prune) = train_block(&mut setup, train, None, output)?;
         Ok(BlockState { state: own(&snapshot, margin.len()), copies: 0, prune })
     }
 
-    /// Block number `b` from the second meeting to the third, after its prune if there was one. It trains other blocks'
+    /// A block from the second meeting to the third, after its prune if there was one. It trains other blocks'
     /// Gaussians in its grown cell along with its own, and passes them on behind these, as copies for
     /// [`copies`](super::copies). It continues from the checkpoint in `output`, if there is one.
     pub fn settle(
         &self,
         session: &Session<'_>,
-        (layout, b): (&Layout, usize),
-        (meeting, came, prune): (&Meeting, Came<'_>, Option<&PruneRecord>),
+        at: AtMeeting<'_>,
+        came: Came<'_>,
+        prune: Option<&PruneRecord>,
         output: &Output,
     ) -> Result<BlockState, Error> {
-        let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| meetings(config)[2]);
+        let AtMeeting { layout, b, meeting } = at;
+        let rows = meeting.trained_by(layout, b);
         let before = || meeting.with(came, b, &rows[meeting.rows(b).len()..]);
-        let scene = (&meeting.collected, &rows[..], before);
-        self.along_with_margin(session, (layout, b, meeting), scene, (until, prune), output)
+        let train = ToTrain { scene: &meeting.collected, rows: &rows, before, until: |config| meetings(config)[2] };
+        self.along_with_margin(session, at, train, prune, output)
     }
 
-    /// Block number `b` from the third meeting to the end: like [`BlockRun::settle`], whose result is `settled`, in
+    /// A block from the third meeting to the end: like [`BlockRun::settle`], whose result is `settled`, in
     /// `blended`, the scene of the blocks' blended copies.
     pub fn finish(
         &self,
         session: &Session<'_>,
-        (layout, b): (&Layout, usize),
-        (meeting, blended, settled): (&Meeting, &Gaussians, BlockState),
+        at: AtMeeting<'_>,
+        blended: &Gaussians,
+        settled: BlockState,
         output: &Output,
     ) -> Result<BlockState, Error> {
-        let (rows, until) = (meeting.trained_by(layout, b), |config: &RunConfig| config.schedule.iterations);
+        let rows = at.meeting.trained_by(at.layout, at.b);
         let BlockState { state, prune, .. } = settled;
         let before = || Ok(Snapshot { model: blended.select(&rows), ..state });
-        let scene = (blended, &rows[..], before);
-        self.along_with_margin(session, (layout, b, meeting), scene, (until, prune.as_ref()), output)
+        let train = ToTrain { scene: blended, rows: &rows, before, until: |config| config.schedule.iterations };
+        self.along_with_margin(session, at, train, prune.as_ref(), output)
     }
 
-    /// Trains block number `b` and its margin, the `rows` of the scene, up to an iteration of the block's run; `before`
-    /// gives their state.
+    /// Trains block number `b` and its margin, which are `rows` of the scene.
     fn along_with_margin(
         &self,
         session: &Session<'_>,
-        (layout, b, meeting): (&Layout, usize, &Meeting),
-        (scene, rows, before): (&Gaussians, &[usize], impl FnOnce() -> Result<Snapshot, Error>),
-        (until, prune): (impl FnOnce(&RunConfig) -> u32, Option<&PruneRecord>),
+        AtMeeting { layout, b, meeting }: AtMeeting<'_>,
+        ToTrain { scene, rows, before, until }: ToTrain<'_, impl FnOnce() -> Result<Snapshot, Error>>,
+        prune: Option<&PruneRecord>,
         output: &Output,
     ) -> Result<BlockState, Error> {
         let Some(block) = meeting.trains(layout, b) else {
             return Ok(BlockState { state: before()?, copies: 0, prune: prune.cloned() });
         };
-        let config = of_block(&self.config, (block, b), self.photos.len());
-        let until = until(&config);
-        let mut setup = self.setup(session, config, (block, &layout.exposures), output)?;
-        let (snapshot, prune) = train_block(&mut setup, (scene, rows, |_: &_| before()), (until, prune), output)?;
+        let config = of_block(&self.config, block, b, self.photos.len());
+        let mut setup = self.setup(session, config, block, &layout.exposures, output)?;
+        let train = ToTrain { scene, rows, before: |_: &Setup<'_>| before(), until };
+        let (snapshot, prune) = train_block(&mut setup, train, prune, output)?;
         Ok(BlockState { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
     }
 
@@ -331,21 +334,30 @@ impl BlockRun {
     }
 }
 
-/// Trains a block to iteration `until` with all other Gaussians of the scene frozen, resuming from the checkpoint or
-/// from the state that `before` gives. Returns its state and its prune, if it has had one.
+/// The Gaussians that a block trains: `rows` of the scene, in the state that `before` gives, up to the iteration that `until`
+/// gives for the block's run.
+struct ToTrain<'a, F> {
+    scene: &'a Gaussians,
+    rows: &'a [usize],
+    before: F,
+    until: fn(&RunConfig) -> u32,
+}
+
+/// Trains a block with all other Gaussians of the scene frozen, resuming from the checkpoint or
+/// from the state before. Returns its state and its prune, if it has had one.
 fn train_block<'a>(
     setup: &mut Setup<'a>,
-    (scene, trained, before): (&Gaussians, &[usize], impl FnOnce(&Setup<'a>) -> Result<Snapshot, Error>),
-    (until, prune): (u32, Option<&PruneRecord>),
+    ToTrain { scene, rows, before, until }: ToTrain<'_, impl FnOnce(&Setup<'a>) -> Result<Snapshot, Error>>,
+    prune: Option<&PruneRecord>,
     output: &Output,
 ) -> Result<(Snapshot, Option<PruneRecord>), Error> {
-    let trained: HashSet<usize> = trained.iter().copied().collect();
+    let trained: HashSet<usize> = rows.iter().copied().collect();
     let others: Vec<usize> = (0..scene.len()).filter(|i| !trained.contains(i)).collect();
     let begin = |setup: &Setup<'a>| Ok(with_tail(&before(setup)?, &scene.select(&setup.shown(scene, &others))));
     let prunes: Vec<PruneRecord> = prune.cloned().into_iter().collect();
-    let start = setup.start(output, (begin, &prunes))?;
+    let start = setup.start(output, begin, &prunes)?;
     let mut run = ActiveRun::start(setup, &setup.config, output, start)?;
-    run.train(until)?;
+    run.train(until(&setup.config))?;
     let Checkpoint { snapshot, notes } = run.checkpoint()?;
     Ok((snapshot, notes.prunes.into_iter().next().map(PruneRecord::timeless)))
 }

@@ -24,7 +24,7 @@ impl BlockRun {
 
     /// The record of the joined model, read from `file`, from the measurements on all photos. Reports empty pictures to
     /// the watcher.
-    pub fn record(&self, session: &Session<'_>, (file, model): (&Path, &Gaussians), measured: Assessment) -> RunRecord {
+    pub fn record(&self, session: &Session<'_>, file: &Path, model: &Gaussians, measured: Assessment) -> RunRecord {
         measured.held_out.warn(session.watcher);
         let (config, selection) = (&self.config, self.config.selection());
         let compared = Compared {

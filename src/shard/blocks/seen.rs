@@ -8,6 +8,7 @@ use crate::pipeline::pair_capacity;
 use crate::render::{Settings, TrainingRenderer};
 use crate::response::{Score, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
+use crate::shard::kd_tree::Cells;
 use glam::DVec3;
 
 /// Least share of a view's picture that a block must contribute for the view to train it: in general, and if the camera
@@ -46,18 +47,19 @@ impl BlockVisibility {
 pub type Seen = Vec<Vec<BlockVisibility>>;
 
 /// Draws `model` from each camera, at the size of the second list, and adds up the contributions of its blocks.
-/// `owners` is the block of each Gaussian, out of `blocks`.
 ///
 /// # Panics
-/// If there is not one owner per Gaussian, or not one small camera per camera.
+/// If there is not one small camera per camera.
 pub fn seen(
     session: &Session<'_>,
     model: &Gaussians,
-    (owners, blocks): (&[u32], usize),
-    (cameras, small): (&[Camera], &[Camera]),
+    cells: &Cells,
+    cameras: &[Camera],
+    small: &[Camera],
     settings: Settings,
 ) -> Result<Seen, Error> {
-    assert_eq!((owners.len(), small.len()), (model.len(), cameras.len()), "one owner a Gaussian, one size a camera");
+    assert_eq!(small.len(), cameras.len(), "one size a camera");
+    let (owners, blocks) = (cells.owners(&model.means), cells.count());
     let Session { device, watcher, .. } = *session;
     let resident = Resident::upload(device, model)?;
     let size = camera::largest(small);
@@ -70,7 +72,7 @@ pub fn seen(
         watcher.unless_stopped()?;
         let views = Views { cameras: std::slice::from_ref(drawn), follow: |_| Ok::<(), Error>(()), of: None };
         let responses = full_pass(&mut renderer, &resident, views, &gradient, Wanted::SCORES, |_, _, _, _| Ok(()))?;
-        rows.push(of_view(model, &responses.scores, (owners, blocks), (camera, drawn.pixels())));
+        rows.push(of_view(model, &responses.scores, &owners, blocks, camera, drawn.pixels()));
     }
     watcher.progress(Stage::Responses, cameras.len(), cameras.len());
     Ok(rows)
@@ -80,8 +82,10 @@ pub fn seen(
 fn of_view(
     model: &Gaussians,
     scores: &[Score],
-    (owners, blocks): (&[u32], usize),
-    (camera, pixels): (&Camera, u64),
+    owners: &[u32],
+    blocks: usize,
+    camera: &Camera,
+    pixels: u64,
 ) -> Vec<BlockVisibility> {
     let mut painted: Vec<Vec<Painted>> = vec![Vec::new(); blocks];
     for (i, score) in scores.iter().enumerate().filter(|(_, score)| score.contribution > 0.0) {
@@ -162,7 +166,7 @@ mod tests {
     #[test]
     fn shares_and_rectangles_of_blocks() {
         let (model, scores, camera) = view();
-        let shown = of_view(&model, &scores, (&[0, 1, 2], 3), (&camera, camera.pixels()));
+        let shown = of_view(&model, &scores, &[0, 1, 2], 3, &camera, camera.pixels());
         let pixels = 320.0 * 240.0;
         assert_eq!([shown[0].share, shown[1].share, shown[2].share], [3000.0 / pixels, 600.0 / pixels, 0.0]);
         assert!(shown[0].trains(false) && !shown[1].trains(false) && shown[1].trains(true) && !shown[2].trains(true));
@@ -179,17 +183,14 @@ mod tests {
         let owners = [0, 0, 0];
         model.means[1] = [1.2, 0.9, 2.0];
         scores[1].contribution = 1.0;
-        assert_eq!(
-            of_view(&model, &scores, (&owners, 1), (&camera, camera.pixels()))[0].part,
-            Some(([64, 80], [80, 80]))
-        );
+        assert_eq!(of_view(&model, &scores, &owners, 1, &camera, camera.pixels())[0].part, Some(([64, 80], [80, 80])));
         scores[1].contribution = 300.0;
-        let (corner, size) = of_view(&model, &scores, (&owners, 1), (&camera, camera.pixels()))[0].part.unwrap();
+        let (corner, size) = of_view(&model, &scores, &owners, 1, &camera, camera.pixels())[0].part.unwrap();
         assert_eq!((corner, [corner[0] + size[0], corner[1] + size[1]]), ([64, 80], [320, 240]));
         model.log_scales[0] = [f32::INFINITY; 3];
         model.means[1] = [f32::NAN; 3];
         assert_eq!(
-            of_view(&model, &scores, (&owners, 1), (&camera, camera.pixels()))[0],
+            of_view(&model, &scores, &owners, 1, &camera, camera.pixels())[0],
             BlockVisibility::default(),
             "what is not finite paints nothing"
         );

@@ -64,8 +64,9 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Ma
     let views: Vec<Photo> = (0..4).map(|_| view(w, h)).collect();
     let photos = views.iter().map(|v| v.pixels.len() as u64).collect();
     let pairs = 16 * n as u32;
+    let iterations = if grows { 60 } else { 20 };
     let schedule = Schedule {
-        iterations: 60,
+        iterations,
         densify_from: 0.1,
         densify_until: if grows { 0.8 } else { 0.0 },
         densify_every: 10,
@@ -75,12 +76,12 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Ma
         ..Schedule::default()
     };
     let method = masks.map(|method| -> Arc<dyn Method> {
-        Arc::new(LearntMask::new(device, LearntMasks::of(method, n / 2, 60)).unwrap())
+        Arc::new(LearntMask::new(device, LearntMasks::of(method, n / 2, iterations)).unwrap())
     });
     let options = Options { schedule, degree, most: n, method: method.clone(), pairs, ..Options::default() };
     let first = if grows { n / 4 } else { n };
     let mut trainer = Trainer::new(device, &model(first, 0), views, 1.0, options).unwrap();
-    trainer.run_until(60, |_, _| ControlFlow::Continue(())).unwrap();
+    trainer.run_until(iterations, |_, _| ControlFlow::Continue(())).unwrap();
     assert_eq!(trainer.model().degree, degree);
     trainer.download().unwrap();
     let demand = TrainerNeeds {

@@ -47,7 +47,13 @@ fn colours_may_stand_in_red_green_and_blue() {
     let bytes: [Property; 3] =
         [("double", "red", |i| f64::from(100 * i)), ("float", "green", |_| 255.0), ("float", "blue", |_| 0.0)];
     let counted = read(&ply(&[&bytes[..], &REST, &[THIRD]].concat()));
-    for model in [whole.gaussians, shares.gaussians, counted.gaussians] {
+    let called = |names: [&'static str; 3]| {
+        let renamed: Vec<Property> =
+            base.iter().zip(names).map(|((kind, _, value), name)| (*kind, name, *value)).collect();
+        read(&ply(&[&renamed[..], &REST, &[THIRD]].concat())).gaussians
+    };
+    let [short, diffuse] = [["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]].map(called);
+    for model in [whole.gaussians, shares.gaussians, counted.gaussians, short, diffuse] {
         for (i, row) in model.sh[0].chunks(3).enumerate() {
             let wanted = [100.0 * i as f64, 255.0, 0.0].map(|c| (c / 255.0 - 0.5) / 0.282_094_79);
             assert!(row.iter().zip(wanted).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5), "{row:?} {wanted:?}");

@@ -2,8 +2,8 @@
 
 use std::fs;
 
-use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gaussians::formats::{self, Format, RenderMode};
+use qirf_vk::gaussians::formats::{self, Format, Loaded, RenderMode};
+use qirf_vk::gaussians::{Error, Gaussians};
 use serde_json::{Value, json};
 
 use super::readers::read;
@@ -94,6 +94,69 @@ fn buffers_in_files_beside_it_are_read_and_others_are_not() {
         let said = formats::read(&path).unwrap_err().to_string();
         assert!(said.contains("not in the folder"), "{uri}: {said}");
     }
+}
+
+/// A model with a further view of the bytes 4, 2, 0, as `change` uses it.
+fn with_bytes(model: &Gaussians, change: impl Fn(&mut Value, usize)) -> Result<Loaded, Error> {
+    let bytes = glb_changed(model, Layout::Planar, |d| {
+        let buffer =
+            add(&mut d["buffers"], json!({ "byteLength": 3, "uri": "data:application/octet-stream;base64,BAIA" }));
+        let view = add(&mut d["bufferViews"], json!({ "buffer": buffer, "byteLength": 3 }));
+        change(d, view);
+    });
+    read(&bytes, "m.glb")
+}
+
+/// Adds to a list; returns its number.
+fn add(list: &mut Value, what: Value) -> usize {
+    let list = list.as_array_mut().unwrap();
+    list.push(what);
+    list.len() - 1
+}
+
+#[test]
+fn indices_choose_points() {
+    let chosen = |n: usize, count: usize| {
+        with_bytes(&make::model(n, 1), |d, view| {
+            let indices = json!({ "bufferView": view, "componentType": 5121, "count": count, "type": "SCALAR" });
+            d["meshes"][0]["primitives"][0]["indices"] = add(&mut d["accessors"], indices).into();
+        })
+    };
+    let whole = read(&glb(&make::model(9, 1), Layout::Planar), "m.glb").unwrap().gaussians;
+    assert_eq!(chosen(9, 3).unwrap().gaussians, whole.select(&[4, 2, 0]));
+    for (n, count, said) in [(4, 3, "beyond the 4 elements"), (9, 4, "beyond the end")] {
+        let fault = chosen(n, count).unwrap_err().to_string();
+        assert!(fault.contains(said), "{fault}");
+    }
+}
+
+#[test]
+fn sparse_positions_need_no_data() {
+    let model = make::model(9, 1);
+    let whole = read(&glb(&model, Layout::Planar), "m.glb").unwrap().gaussians;
+    let sparse = with_bytes(&model, |d, view| {
+        let index = d["meshes"][0]["primitives"][0]["attributes"]["POSITION"].as_u64().unwrap() as usize;
+        let of_values = d["accessors"][index]["bufferView"].take();
+        d["accessors"][index].as_object_mut().unwrap().remove("bufferView");
+        let indices = json!({ "bufferView": view, "componentType": 5121 });
+        d["accessors"][index]["sparse"] =
+            json!({ "count": 3, "indices": indices, "values": { "bufferView": of_values } });
+    });
+    let means = sparse.unwrap().gaussians.means;
+    for (i, at) in [(4, Some(0)), (2, Some(1)), (0, Some(2)), (1, None), (8, None)] {
+        assert_eq!(means[i], at.map_or([0.0; 3], |at| whole.means[at]));
+    }
+}
+
+#[test]
+fn parts_of_different_render_modes_are_told() {
+    let bytes = glb_changed(&make::model(9, 1), Layout::Planar, |d| {
+        let mut tagged = d["meshes"][0]["primitives"][0].clone();
+        tagged["extras"] = json!({ "SplatRenderMode": "mip" });
+        add(&mut d["meshes"][0]["primitives"], tagged);
+    });
+    let loaded = read(&bytes, "m.glb").unwrap();
+    assert!(loaded.mode.antialiased() && loaded.doubt.unwrap().contains("different render modes"));
 }
 
 #[test]

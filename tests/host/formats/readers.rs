@@ -112,6 +112,10 @@ fn point_clouds_and_strangers_are_named() {
     assert!(message(cloud, "c.ply").contains("no property `scale_0`"));
     assert!(message(b"hello", "c.txt").contains(".splat"));
     assert!(message(b"hello", "c.ply").contains("begins with a line `ply`"));
+    for (bytes, packer) in [(&b"BZh91AY"[..], "bzip2"), (b"\xfd7zXZ\0\0", "xz"), (b"\x28\xb5\x2f\xfd\0", "zstd")] {
+        let told = message(bytes, "c.ply");
+        assert!(told.ends_with(&format!("it is compressed by {packer}: unpack it first")), "{told}");
+    }
     assert!(message(b"", "c.splat").contains("empty"));
     assert!(formats::read(Path::new("absent.ply")).unwrap_err().to_string().starts_with("absent.ply: "));
 }

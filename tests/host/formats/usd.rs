@@ -136,16 +136,67 @@ fn transforms_move_turn_and_scale() {
 }
 
 #[test]
+fn layers_are_read_as_their_schema_says() {
+    let changed = |from: &str, to: &str| {
+        assert!(OTHER.contains(from), "{from}");
+        read(OTHER.replace(from, to).as_bytes(), "m.usda")
+    };
+    let (half, float) = ("point3h[] positionsh = [(1, 2, 3)]", "point3f[] positions = [(4, 2, 3)]");
+    for both in [format!("{half}\n{float}"), format!("{float}\n{half}")] {
+        let means = changed(half, &both).unwrap().gaussians.means;
+        assert!((means[0][0] - 4.0).abs() < 1e-6, "float counts: {means:?}");
+    }
+    for (value, told) in
+        [("", true), ("half3[] scalesh = None", true), ("half3[] scalesh = [(1, 1, 1), (2, 2, 2)]", false)]
+    {
+        let loaded = changed("half3[] scalesh = [(1, 2.5e0, .5)];", value).unwrap();
+        assert_eq!((loaded.gaussians.log_scales[0], loaded.doubt.is_some()), ([0.0; 3], told), "{value}");
+    }
+    let grey =
+        changed("half3[] radiance:sphericalHarmonicsCoefficientsh = [(0.1, 0.2, 0.3)]", "float other = 1").unwrap();
+    assert_eq!(grey.gaussians.sh[0][..3], [0.0; 3]);
+
+    // What a stage does not show.
+    let two = "def ParticleField3DGaussianSplat \"two\" {";
+    for hidden in [
+        two.replace(" {", " (active = false) {"),
+        two.replace("def", "class"),
+        two.replace("def", "over"),
+        two.replace('{', "{ token visibility = \"invisible\"\n"),
+    ] {
+        assert_eq!(changed(two, &hidden).unwrap().gaussians.len(), 1, "{hidden}");
+    }
+    let untyped = "def \"untyped\" { }";
+    let inner = "{ def ParticleField3DGaussianSplat \"c\" { point3f[] positions = [(0, 0, 0)] } }";
+    for (prim, shown) in [
+        ("def \"a\" (kind = \"group\")", true),
+        ("def \"a\" (active = false)", false),
+        ("class \"a\" (kind = \"group\")", false),
+        ("over \"a\"", false),
+        ("def \"a\" (customData = { bool active = 0 })", true),
+    ] {
+        let loaded = changed(untyped, &format!("{prim} {inner}")).unwrap();
+        assert_eq!(loaded.gaussians.len(), 3 + usize::from(shown), "{prim}");
+    }
+    let within = "def \"untyped\" { variantSet \"v\" = { \"a\" { def ParticleField3DGaussianSplat \"b\" { point3f[] positions = [] } } } }";
+    assert!(changed(untyped, within).unwrap_err().to_string().contains("variant"));
+    let tagged = two.replace(" {", " (customData = { string SplatRenderMode = \"default\" }) {");
+    let mixed = changed(two, &tagged).unwrap();
+    assert!(mixed.mode.antialiased() && mixed.doubt.unwrap().contains("different render modes"));
+}
+
+#[test]
 fn hostile_layers_are_refused() {
     let said = |text: &str, name: &str| read(text.as_bytes(), name).unwrap_err().to_string();
     for (from, to, what) in [
         ("positionsh = [(1, 2, 3)]", "positionsh = [(1, 2)]", "numbers of"),
         ("positionsh = [(1, 2, 3)]", "positionsh = [(1, 2, x)]", "no number"),
         ("positionsh = [(1, 2, 3)]", "positionsh.timeSamples = { 0: [(1, 2, 3)] }", "no positions"),
-        ("scalesh", "otherh", "no scales"),
-        ("opacitiesh = [0.5]", "opacitiesh = [0.5, 0.5]", "2 numbers of opacities"),
+        ("scalesh = [(1, 2.5e0, .5)]", "scalesh.timeSamples = { 0: [(1, 1, 1)] }", "no scales"),
+        ("opacities = [0, 1]", "opacities = [0]", "1 numbers of opacities"),
         ("Degree = 1", "Degree = 4", "SH degree 4"),
-        ("Degree = 1", "Degree = 2", "numbers of SH"),
+        ("Degree = 1", "Degree = 2", "numbers of spherical harmonics"),
+        ("Degree = 1", "Degree = 0", "numbers of spherical harmonics"),
         ("Order = []", "Order = [\"xformOp:scale\"]", "has the transform"),
         ("ParticleField3DGaussianSplat \"", "Mesh \"", "holds no Gaussians"),
     ] {

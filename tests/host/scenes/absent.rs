@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::Cursor;
 use std::path::Path;
 
 use super::dialects::{notes, open};
@@ -12,7 +13,7 @@ use qirf_vk::job::Error;
 use qirf_vk::job::config::Selection;
 use qirf_vk::job::watcher::Silent;
 use qirf_vk::pipeline::prepare;
-use qirf_vk::scene::{LoadOptions, OpenOptions, PhotoMemory, PhotoTree, Scene, masks_of, photo_folder};
+use qirf_vk::scene::{LoadOptions, OpenOptions, PhotoMemory, PhotoTree, Resize, Scene, masks_of, photo_folder};
 
 const NAMES: [&str; 3] = ["a.png", "b.png", "c.png"];
 const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
@@ -112,6 +113,46 @@ fn a_converted_photo_replaces_its_original_that_is_not_read() {
     }
 }
 
+/// Likewise for photos whose encoding or format, which is not that of their name, is not read.
+#[test]
+fn a_converted_photo_replaces_its_original_whatever_that_is_called() {
+    let mut floats = Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new(&mut floats).unwrap();
+    encoder.write_image::<tiff::encoder::colortype::Gray32Float>(64, 48, &[0.5_f32; 64 * 48]).unwrap();
+    for (listed, bytes, copy) in [
+        ("a.tif", &floats.get_ref()[..], "a.png"),
+        ("a.png", b"\0\0\0\x18ftypheic", "a.jpg"),
+        ("a.jpg", b"\x1f\x8b\x08\0", "a.png"),
+        ("a.jpg", b"GIF89a", "a.png"),
+    ] {
+        let colmap = tempfile::tempdir().unwrap();
+        write(&colmap.path().join("sparse/0"), row(&[listed]).text());
+        let other = written([("transforms.json", transforms(TOP, &[&format!("images/{listed}")]))]);
+        for root in [colmap.path(), other.path()] {
+            write(&root.join("images"), [(listed, bytes.to_vec())]);
+            assert_eq!(found(root), [format!("images/{listed}")]);
+            assert!(open(root).views[0].load_photo(Resize::Full).is_err(), "{listed}");
+            picture(&root.join("images").join(copy), 64, 48);
+            assert_eq!(found(root), [format!("images/{copy}")], "{listed}");
+            assert_eq!(notes(&open(root)), "", "{listed}");
+        }
+    }
+    // A photo that is read stays.
+    let [colmap, _] = captures(&["images/a.png", "images/a.jpg"]);
+    assert_eq!(found(colmap.path()), ["images/a.png"]);
+}
+
+#[test]
+fn photos_that_are_there_in_another_format_alone_are_named() {
+    let [colmap, _] = captures(&[]);
+    let told = || open(colmap.path()).require_photos().unwrap_err().to_string();
+    assert!(told().ends_with("images/a.png does not exist)"), "{}", told());
+    write(&colmap.path().join("images"), [("a.HEIC", b"x".to_vec()), ("b.tga", b"x".to_vec())]);
+    let convert = "convert it, with ImageMagick by `magick mogrify -format jpg -quality 95 *.HEIC`)";
+    let wanted = format!("a.png: only a.HEIC is there, in HEIC, which is not read: {convert}");
+    assert!(told().ends_with(&wanted), "{}", told());
+}
+
 #[test]
 fn photos_that_are_not_read_are_told_from_damaged_ones() {
     let [capture, _] = captures(&["images/a.png"]);
@@ -127,9 +168,10 @@ fn photos_that_are_not_read_are_told_from_damaged_ones() {
         (&b"version https://git-lfs.github.com/spec/v1\n"[..], "run `git lfs pull`"),
         (b"<!DOCTYPE html><html>", "perhaps a web page: download the photo again"),
         (b"", "is empty: copy it again"),
+        (b"\x1f\x8b\x08\0", "unpack it by `gzip -dc < b.png > "),
     ] {
         fs::write(images.join("b.png"), bytes).unwrap();
-        let error = open(capture.path()).views[1].load_photo(qirf_vk::scene::Resize::Full).unwrap_err().to_string();
+        let error = open(capture.path()).views[1].load_photo(Resize::Full).unwrap_err().to_string();
         assert!(error.contains(told) && !error.contains("magick"), "{error}");
     }
     // So are the capture's own files.
@@ -171,6 +213,8 @@ fn depth_maps_may_say_whose_they_are() {
         [("a_depth.npy", b"x".to_vec()), ("depth_a.npy", b"x".to_vec()), ("depth_b.npy", b"x".to_vec())],
     );
     assert_eq!(with("both").skipped.missing_depths.examples, ["a.png", "c.png"]);
+    write(&capture.path().join("deeper/images"), [("a.npy", b"x".to_vec()), ("c.npy", b"x".to_vec())]);
+    assert_eq!(with("deeper").skipped.missing_depths.examples, ["b.png"]);
     write(&capture.path().join("two"), [("other.npy", b"x".to_vec())]);
     let scene = with("two");
     assert_eq!(scene.skipped.missing_depths.count, 0);

@@ -186,8 +186,8 @@ fn specks_of_alpha_decide_nothing() {
         (vec![250, 0, 128], AlphaRole::Opaque, specks),
         (vec![254; 64 * 48], AlphaRole::Opaque, even),
         (vec![128; 64 * 48], AlphaRole::Opaque, even),
-        (vec![0; 64 * 48], AlphaRole::Alpha, ""),
-        (vec![0; 64 * 12], AlphaRole::Alpha, ""),
+        (vec![0; 64 * 48], AlphaRole::Alpha, "1 photo transparent everywhere"),
+        (vec![0; 64 * 12], AlphaRole::Alpha, "% of the photos' pixels are transparent: alpha counts, on white"),
     ] {
         let scene = with_alpha(&alphas);
         let mut opened = open(scene.path());
@@ -195,6 +195,7 @@ fn specks_of_alpha_decide_nothing() {
         assert_eq!(alpha_role(&views, &LoadOptions::default()).unwrap(), role);
         let photos = opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
         assert!(photos.iter().all(|p| p.alpha_role == role), "{}", alphas.len());
+        assert!(notes(&opened).contains(says), "{}", notes(&opened));
         for note in [specks, even] {
             assert_eq!(notes(&opened).contains(note), says == note, "{}", notes(&opened));
         }
@@ -288,7 +289,8 @@ fn names_of_a_captures_own_files_may_be_in_any_case() {
 #[test]
 fn copied_splits_and_train_alone_leave_the_choice_to_eval_every() {
     let top = r#""camera_angle_x": 1.0, "w": 64, "h": 48"#;
-    let json = transforms(top, &NAMES);
+    let json_of = |top: &str| transforms(top, &NAMES);
+    let json = json_of(top);
     let scene = written([("transforms_train.json", json.clone())]);
     let every_second = Split { train: vec![1, 3], test: vec![0, 2] };
     assert_eq!(open(scene.path()).split(2), every_second);
@@ -296,7 +298,16 @@ fn copied_splits_and_train_alone_leave_the_choice_to_eval_every() {
     write(scene.path(), [("transforms_test.json", json)]);
     let opened = open(scene.path());
     assert_eq!((opened.views.len(), opened.split(2)), (4, every_second.clone()));
-    assert!(notes(&opened).contains("4 views listed for training and for test"));
+    assert!(notes(&opened).contains("4 views listed for both training and test"));
+    // The copy may have rounded poses, and names without extension.
+    let json = String::from_utf8(json_of(top)).unwrap().replace("[[1,0,0,0]", "[[0.99999,0,0,0.00001]");
+    for copy in [json.clone(), json.replace(".png", "")] {
+        let scene = written([("transforms_train.json", json_of(top)), ("transforms_test.json", copy.into_bytes())]);
+        for name in NAMES {
+            picture(&scene.path().join(name), 64, 48);
+        }
+        assert_eq!(open(scene.path()).split(2), every_second.clone());
+    }
     // Some views are in both files: those that are for test alone are held out.
     write(scene.path(), [("transforms_test.json", transforms(top, &["a.png", "e.png"]))]);
     assert_eq!(open(scene.path()).split(2), Split { train: vec![0, 1, 2, 3], test: vec![4] });
@@ -341,6 +352,23 @@ fn repeated_points_are_merged_and_counted() {
     let scene = written(model.binary());
     let opened = open(scene.path());
     assert_eq!((opened.points.len(), opened.skipped.repeated_points), (40, 80));
+}
+
+/// BigTIFF is read, whatever its name says.
+#[test]
+fn photos_may_be_of_bigtiff() {
+    let pixels: Vec<u8> = (0..64 * 48 * 3).map(|i| (i % 251) as u8).collect();
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new_big(&mut file).unwrap();
+    encoder.write_image::<tiff::encoder::colortype::RGB8>(64, 48, &pixels).unwrap();
+    for name in ["a.tif", "a.jpg"] {
+        let scene = capture(&[name], &[]);
+        write(&scene.path().join("images"), [(name, file.get_ref().clone())]);
+        let mut opened = open(scene.path());
+        assert_eq!(opened.views[0].photo_size, Some((64, 48)), "{name}");
+        let photos = opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+        assert_eq!(photos[0].pixels.at(1).unwrap(), [3, 4, 5, 255], "{name}");
+    }
 }
 
 /// TIFF of 8 and 16 bits is read unchanged; floats of EXR are linear and get the curve of sRGB; other formats are named

@@ -65,6 +65,13 @@ fn foreign_poses_are_known_by_whole_names_and_contents() {
         ("reg.csv", "#name,x,y,alt\n", "RealityScan"),
         ("chunk.xml", r#"<?xml version="1.0"?><document version="2.0.0">"#, "Metashape"),
         ("transforms_test.json", "{}", "Blender, without transforms_train.json"),
+        ("keyframes/corrected_cameras/1.json", "{}", "Polycam"),
+        ("bundle/bundle.out", "# Bundle file v0.3\n", "Bundler"),
+        ("MeshroomCache/StructureFromMotion/1/cameras.sfm", "{}", "Meshroom"),
+        ("opensfm/reconstruction.json", "[]", "OpenSfM"),
+        ("sensors/trajectories.txt", "# kapture format: 1.1\n", "kapture"),
+        ("odometry.csv", "timestamp, frame, x, y, z\n", "Stray Scanner"),
+        ("seq-01/frame-000000.pose.txt", "1 0 0 0\n", "7-Scenes"),
         ("gps.csv", "time,lat,lon\n", ""),
         ("desktop.xml", "<settings/>", ""),
         ("all_purpose", "x", ""),
@@ -130,7 +137,7 @@ fn intrinsics_that_would_be_ignored_are_refused_or_told() {
     }
     let shares =
         written([("transforms.json", transforms(r#""fl_x": 1.62, "fl_y": 2.2, "w": 64, "h": 48"#, &["a.png"]))]);
-    assert!(refused(shares.path()).contains("its fl_x 1.62 is no focal length in pixels of a photo of 64 x 48"));
+    assert!(refused(shares.path()).contains("its fl_x 1.62 is not a focal length in pixels of a photo of 64 x 48"));
     for model in ["FOV", "THIN_PRISM_FISHEYE"] {
         let error = refused(with(&format!(r#", "camera_model": "{model}""#)).path());
         let known = error.split_once("known are ").unwrap().1;

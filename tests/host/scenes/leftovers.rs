@@ -68,12 +68,11 @@ fn a_frame_without_a_pose_is_counted() {
     let json = String::from_utf8(transforms(CAMERA, &["a.png", "b.png"])).unwrap();
     let at = json.find("\"transform_matrix\"").unwrap();
     let end = at + json[at..].find("]]").unwrap() + 2;
-    let scene = written([(
-        "transforms.json",
-        format!("{}\"transform_matrix\": null{}", &json[..at], &json[end..]).into_bytes(),
-    )]);
-    let opened = open(scene.path());
-    assert_eq!((opened.views.len(), opened.skipped.bad_poses.count), (1, 1));
+    for nothing in ["null", "[]"] {
+        let json = format!("{}\"transform_matrix\": {nothing}{}", &json[..at], &json[end..]);
+        let opened = open(written([("transforms.json", json.into_bytes())]).path());
+        assert_eq!((opened.views.len(), opened.skipped.bad_poses.count), (1, 1), "{nothing}");
+    }
 }
 
 /// The share of a photo's pixels that its mask shows.
@@ -126,7 +125,7 @@ fn clouds_that_are_not_read_are_named() {
     let scene =
         written([("transforms.json", json(r#", "ply_file_path": "scan.las""#)), ("scan.las", b"LASF".to_vec())]);
     let error = Scene::open(scene.path(), &OpenOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("scan.las") && error.contains("is no PLY file"), "{error}");
+    assert!(error.contains("scan.las") && error.contains("is not a PLY file"), "{error}");
 }
 
 #[test]

@@ -97,7 +97,7 @@ fn smaller_copies_stand_for_photos_that_are_not_there() {
 #[test]
 fn angles_in_degrees_and_other_files_are_named() {
     let degrees = transforms(r#""camera_angle_x": 34.2"#, &NAMES);
-    assert!(refused(with(degrees).path()).contains("34.2 is no angle of view in radians"));
+    assert!(refused(with(degrees).path()).contains("34.2 is not an angle of view in radians"));
     let other = with(br#"[{"cameras": {}, "shots": {}}]"#.to_vec());
     assert!(refused(other.path()).contains("has no list \"frames\""));
     // The field is named, whether it is no number at all or one that JSON does not know.

@@ -225,7 +225,7 @@ fn lists_of_both_training_and_test_are_no_split_and_one_side_no_size() {
     let frames = ["a.png", "b.png", "c.png"];
     let lists = r#""train_filenames": ["a.png", "b.png", "c.png"], "test_filenames": ["b.png"]"#;
     let opened = open(capture(&format!("{TOP}, {lists}"), &frames, &frames).path());
-    assert!(notes(&opened).contains("1 view listed for training and for test, which is no split"));
+    assert!(notes(&opened).contains("1 view listed for both training and test: both roles are ignored"));
     assert!(opened.views.iter().all(|view| view.role != Role::Test));
     let alone = |w: u32| {
         let scene = capture(&format!(r#""fl_x": 50, "w": {w}"#), &["a.png"], &["a.png"]);
@@ -323,4 +323,9 @@ fn numbers_that_other_writers_print_are_read() {
     let scene = open(folder.path());
     assert_eq!((scene.points.len(), scene.points[0].colour), (1, [128, 10, 20]));
     assert_eq!(scene.skipped.bad_points, 1);
+    edit("points3D.txt", &|_| "1 0 0 5 0.5 0.25 1 0.5\n2 1 0 5 0 1 1 0.5\n".to_owned());
+    assert_eq!(
+        open(folder.path()).points.iter().map(|p| p.colour).collect::<Vec<_>>(),
+        [[128, 64, 255], [0, 255, 255]]
+    );
 }

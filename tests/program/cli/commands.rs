@@ -69,6 +69,27 @@ fn a_model_in_the_current_folder_has_its_photos_beside_it() {
 }
 
 #[test]
+fn inspect_tells_of_exif_rotations() {
+    use exif::{Field, In, Tag, Value, experimental::Writer};
+    use image::ImageEncoder;
+    let sandbox = Sandbox::new();
+    let images = sandbox.scene("capture", "1 PINHOLE 40 30 35 35 20 15", &["a.png", "b.png"]).join("images");
+    fs::create_dir_all(&images).unwrap();
+    for (name, orientation) in [("a.png", 1), ("b.png", 3)] {
+        let field = Field { tag: Tag::Orientation, ifd_num: In::PRIMARY, value: Value::Short(vec![orientation]) };
+        let mut writer = Writer::new();
+        writer.push_field(&field);
+        let mut header = std::io::Cursor::new(Vec::new());
+        writer.write(&mut header, false).unwrap();
+        let mut encoder = image::codecs::png::PngEncoder::new(fs::File::create(images.join(name)).unwrap());
+        encoder.set_exif_metadata(header.into_inner()).unwrap();
+        encoder.write_image(&[90; 3 * 40 * 30], 40, 30, image::ExtendedColorType::Rgb8).unwrap();
+    }
+    let advice = sandbox.works(&["inspect", "capture", "--json"]).json()["advice"].to_string();
+    assert!(advice.contains("1 photo with an EXIF rotation, which is ignored, as in COLMAP"), "{advice}");
+}
+
+#[test]
 fn a_synthetic_capture_can_be_made_inspected_and_rendered() {
     let sandbox = Sandbox::new();
     let make = ["synth", "made", "--views", "3", "--size", "32x24", "--seed", "7", "--points", "50", "--effects"];

@@ -223,7 +223,7 @@ fn a_prune_is_shown_with_its_legend() {
         ("4", "blocks", "each cluster"),
         ("6", "count", "red 255"),
         ("7", "kept", "green kept"),
-        ("8", "score", "score lower"),
+        ("8", "score", "rank by score"),
         ("9", "guards", "blue seen by no view"),
     ] {
         page.key(key);

@@ -221,14 +221,14 @@ fn files_of_other_models_and_damaged_files_are_refused_by_name() {
         &["another model", "Gaussians, and this one has"],
     );
     refused(&model, folder.path().join("none.safetensors").to_str().unwrap(), &["none.safetensors", "check the path"]);
-    refused(&model, &model, &["model.ply", "no whole safetensors file"]);
+    refused(&model, &model, &["model.ply", "not a complete safetensors file"]);
     let bytes = fs::read(&file).unwrap();
     let damaged = folder.path().join("damaged.safetensors");
     let damage = |bytes: &[u8], words: &[&str]| {
         fs::write(&damaged, bytes).unwrap();
         refused(&model, damaged.to_str().unwrap(), &[&["damaged.safetensors"], words].concat());
     };
-    damage(&bytes[..bytes.len() / 2], &["no whole safetensors file"]);
+    damage(&bytes[..bytes.len() / 2], &["not a complete safetensors file"]);
     let mut flipped = bytes.clone();
     *flipped.last_mut().unwrap() ^= 4;
     damage(&flipped, &["checksum"]);

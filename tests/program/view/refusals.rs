@@ -65,8 +65,8 @@ fn a_request_that_never_ends_is_closed() {
 fn bad_messages_end_the_conversation_and_bad_requests_do_not() {
     let viewer = viewer(&[]);
     for (message, why) in [
-        ("{".to_owned(), "not of this version"),
-        (r#"{"control":"pause"}"#.to_owned(), "steers nothing"),
+        ("{".to_owned(), "of another version"),
+        (r#"{"control":"pause"}"#.to_owned(), "cannot control the run"),
         (format!("{{\"shown\":{}}}", " ".repeat(5000)), "4 kB"),
     ] {
         let mut socket = viewer.socket();

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::super::bytes::field;
 use super::super::fault::{Fault, malformed};
+use super::super::limit::fits;
 use super::AGAIN;
 use super::container::Store;
 use super::document::{Accessor, Place, Shape};
@@ -88,6 +89,15 @@ impl Rows<'_> {
             *out = self.component.float(&self.bytes[i * self.stride + k * size..], self.normalized);
         }
     }
+
+    /// The first number of an element as a whole number, which float32 might not hold.
+    fn whole(&self, i: usize) -> usize {
+        let bytes = &self.bytes[i * self.stride..];
+        match self.component {
+            Component::U32 => u32::from_le_bytes(field(bytes, 0).unwrap_or_default()) as usize,
+            component => component.value(bytes).0 as usize,
+        }
+    }
 }
 
 impl Store<'_> {
@@ -105,10 +115,26 @@ impl Store<'_> {
     pub(super) fn count(&self, index: usize) -> Result<usize, Fault> {
         let accessor = self.accessor(index)?;
         let Some(view) = accessor.buffer_view else {
+            if accessor.sparse.is_some() && fits(accessor.count, 0, self.bytes) {
+                return Ok(accessor.count);
+            }
             return Err(malformed(format!("accessor {index}"), format!("has no data; {AGAIN}")));
         };
         self.rows(index, view, accessor.byte_offset, accessor.count)?;
         Ok(accessor.count)
+    }
+
+    /// The numbers of elements, below `n`, in an accessor of indices.
+    pub(super) fn indices(&self, index: usize, n: usize) -> Result<Vec<usize>, Fault> {
+        let accessor = self.accessor(index)?;
+        let view = accessor.buffer_view.filter(|_| width(accessor.shape) == 1 && accessor.sparse.is_none());
+        let view =
+            view.ok_or_else(|| malformed(format!("accessor {index}"), format!("is not a list of indices; {AGAIN}")))?;
+        let rows = self.rows(index, view, accessor.byte_offset, accessor.count)?;
+        let below = |i: usize| Some(rows.whole(i)).filter(|row| *row < n);
+        (0..accessor.count).map(below).collect::<Option<_>>().ok_or_else(|| {
+            malformed(format!("accessor {index}"), format!("has an index beyond the {n} elements; {AGAIN}"))
+        })
     }
 
     /// All values of an accessor of `n` elements with `columns` numbers each, row-major; zeros where it has no data.
@@ -137,10 +163,7 @@ impl Store<'_> {
             let places = self.packed(index, &sparse.indices, sparse.indices.component_type, 1, sparse.count)?;
             let values = self.rows(index, sparse.values.buffer_view, sparse.values.byte_offset, sparse.count)?;
             for k in 0..sparse.count {
-                let at = match places.component {
-                    Component::U32 => u32::from_le_bytes(field(places.bytes, 4 * k).unwrap_or_default()) as usize,
-                    component => component.value(&places.bytes[k * places.stride..]).0 as usize,
-                };
+                let at = places.whole(k);
                 let row = out.chunks_exact_mut(columns).nth(at);
                 let row = row.ok_or_else(|| malformed(record(), format!("replaces element {at} of {n}; {AGAIN}")))?;
                 values.read(k, row);

@@ -68,7 +68,7 @@ pub(super) fn parts(bytes: &[u8]) -> Result<Parts<'_>, Fault> {
 pub(super) struct Store<'a> {
     pub document: &'a Document<'a>,
     contents: Vec<Cow<'a, [u8]>>,
-    /// Which of `contents` a buffer is: several may name one file.
+    /// Number in `contents` of each buffer: several may name one file.
     which: Vec<Option<usize>>,
     /// Bytes of all buffers.
     pub bytes: usize,
@@ -140,7 +140,7 @@ fn fetch(uri: &str, length: usize, folder: Option<&Path>, i: usize) -> Result<Ve
     if !real.starts_with(home) || !real.is_file() {
         return Err(malformed(
             record,
-            format!("its file `{shown}` is no file within the folder of the glTF; put it there"),
+            format!("its file `{shown}` is not a file in the folder of the glTF; put it there"),
         ));
     }
     let mut content = Vec::new();

@@ -167,6 +167,7 @@ pub(super) struct Mesh<'a> {
 pub(super) struct Primitive<'a> {
     #[serde(borrow, default)]
     pub attributes: BTreeMap<Cow<'a, str>, usize>,
+    pub indices: Option<usize>,
     #[serde(borrow, default)]
     pub extensions: Extensions<'a>,
     /// Anything.

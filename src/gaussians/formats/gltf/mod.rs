@@ -17,7 +17,7 @@ use std::path::Path;
 use super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert, convert_place};
 use super::fault::{Fault, malformed};
 use super::limit::fits;
-use super::{Format, Gaussians, Parsed};
+use super::{Format, Gaussians, Parsed, Tag};
 use crate::wording::shown;
 pub(super) use write::write;
 
@@ -43,7 +43,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
     let document = document::parse(parts.json)?;
     let store = container::load(&document, parts.binary, folder)?;
     let mut model = Gaussians::zeroed(0, 0);
-    let mut tag = super::Tag::default();
+    let mut tags = Vec::new();
     let (mut found, mut visits, mut origin) = (false, 0, None);
     for placed in place::meshes(&document)? {
         visits += document.meshes[placed.mesh].primitives.len();
@@ -55,7 +55,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
         }
         for (k, primitive) in document.meshes[placed.mesh].primitives.iter().enumerate() {
             let record = format!("mesh {}, primitive {k}", placed.mesh);
-            let Some(mut part) = splats::read(&store, primitive, &record, &mut tag)? else { continue };
+            let Some((mut part, tag)) = splats::read(&store, primitive, &record)? else { continue };
             // A small file may place a mesh many times.
             if !fits(model.len() + part.len(), model.degree().max(part.degree()), store.bytes) {
                 return Err(malformed(
@@ -64,6 +64,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
                 ));
             }
             placed.apply(&mut part, &mut origin)?;
+            tags.push(tag);
             if found {
                 model.append(&part);
             } else {
@@ -72,6 +73,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
             found = true;
         }
     }
+    let mut tag = Tag::of_parts(tags);
     if let Some(other) = document.required.iter().find(|name| !KNOWN.contains(&name.as_ref())) {
         let shown = shown(other, 60);
         tag.doubt = Some(format!("the file requires {shown}, which is not known; the Gaussians are read without it"));

@@ -2,6 +2,7 @@
 
 use super::super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert};
 use super::super::fault::{Fault, malformed};
+use super::super::limit::fits;
 use super::super::linear::{log_scale, logit};
 use super::super::{Gaussians, Tag, spz};
 use super::container::Store;
@@ -20,25 +21,20 @@ fn tag_in(extras: &RawValue) -> Option<String> {
     Some(serde_json::from_str(value).unwrap_or_else(|_| value.to_owned()))
 }
 
-/// The Gaussians of a primitive; none if it has no splats.
-pub(super) fn read(
-    store: &Store,
-    primitive: &Primitive,
-    record: &str,
-    tag: &mut Tag,
-) -> Result<Option<Gaussians>, Fault> {
+/// The Gaussians of a primitive and their tag; none if it has no splats.
+pub(super) fn read(store: &Store, primitive: &Primitive, record: &str) -> Result<Option<(Gaussians, Tag)>, Fault> {
     let extensions = &primitive.extensions;
     let packed = extensions.splats.as_ref().map_or(&extensions.spz, |splats| &splats.extensions.spz);
     if let Some(packed) = packed {
         let (_, bytes) = store.view(packed.buffer_view)?;
         let count = primitive.attributes.get("POSITION").map(|index| store.claimed(*index)).transpose()?;
         let parsed = spz::read_in(bytes, spz::Around { axes: LEFT_UP_FRONT, count })?;
-        *tag = parsed.tag;
         let mut model = parsed.gaussians;
         convert(&mut model, RIGHT_DOWN_FRONT, LEFT_UP_FRONT);
-        return Ok(Some(model));
+        return Ok(Some((model, parsed.tag)));
     }
     let Some(splats) = &extensions.splats else { return Ok(None) };
+    let mut tag = Tag::default();
     if let Some(mode) = primitive.extras.and_then(tag_in) {
         tag.comment(&[&format!("{TAG}:"), &mode]);
     }
@@ -49,7 +45,7 @@ pub(super) fn read(
     if let Some(other) = splats.kernel.as_deref().filter(|kernel| *kernel != "ellipse") {
         tag.doubt = Some(format!("its kernel is {}; it is drawn as Gaussians", shown(other, 40)));
     }
-    attributes(store, primitive, record).map(Some)
+    Ok(Some((attributes(store, primitive, record)?, tag)))
 }
 
 fn attributes(store: &Store, primitive: &Primitive, record: &str) -> Result<Gaussians, Fault> {
@@ -91,11 +87,18 @@ fn attributes(store: &Store, primitive: &Primitive, record: &str) -> Result<Gaus
     if skipped {
         return Err(malformed(record, format!("SH of a higher degree without `{further}`; {AGAIN}")));
     }
-    Ok(Gaussians {
+    let model = Gaussians {
         means,
         log_scales: scales.as_chunks().0.to_vec(),
         rotations: rotations.chunks_exact(4).map(|q| [q[3], q[0], q[1], q[2]]).collect(),
         opacity_logits: opacities.iter().map(|&p| logit(p)).collect(),
         sh,
-    })
+    };
+    let Some(indices) = primitive.indices else { return Ok(model) };
+    let rows = store.indices(indices, n)?;
+    if !fits(rows.len(), model.degree(), store.bytes) {
+        let what = format!("{} indices in a file of {} bytes; {AGAIN}", rows.len(), store.bytes);
+        return Err(malformed(record, what));
+    }
+    Ok(model.select(&rows))
 }

@@ -11,7 +11,7 @@ use super::super::bytes::sh0_of_colour;
 use super::super::fault::{Fault, malformed};
 use super::super::turn::middle;
 use crate::gaussians::MAX_SH_DEGREE;
-use crate::ply::{Kind, Slot, Table};
+use crate::ply::{COLOURS, Kind, Slot, Table};
 use crate::scene::origin::near;
 
 /// The third log-scale of a flat model, which has two: as thin as 2DGS's own export for viewers makes it.
@@ -23,7 +23,7 @@ pub(super) fn is_flat(vertex: &Table) -> bool {
 }
 
 /// Gathers the vertex table's columns; their order and any further ones do not matter. Colours may stand in red, green and
-/// blue instead of f_dc; a flat model gets a third scale.
+/// blue, under any of their names, instead of f_dc; a flat model gets a third scale.
 pub(super) fn gaussians(vertex: &Table, origin: &mut [f64; 3]) -> Result<Gaussians, Fault> {
     let means = slots(vertex, ["x", "y", "z"])?;
     let [first, second] = slots(vertex, ["scale_0", "scale_1"])?;
@@ -31,11 +31,14 @@ pub(super) fn gaussians(vertex: &Table, origin: &mut [f64; 3]) -> Result<Gaussia
     let rotations = slots(vertex, ["rot_0", "rot_1", "rot_2", "rot_3"])?;
     let opacity = vertex.slot("opacity")?;
     let rest = rest_slots(vertex)?;
-    let colours = ["red", "green", "blue"].map(|name| vertex.find(name));
+    let colours = COLOURS.into_iter().find_map(|names| match names.map(|name| vertex.find(name)) {
+        [Some(red), Some(green), Some(blue)] => Some([red, green, blue]),
+        _ => None,
+    });
     let mut sh = match (vertex.find("f_dc_0"), colours) {
-        (None, [Some(red), Some(green), Some(blue)]) => {
-            let mut shown = gather(vertex, &[red, green, blue], Slot::float);
-            let white = red.white(shown.iter().copied().fold(0.0, f32::max));
+        (None, Some(columns)) => {
+            let mut shown = gather(vertex, &columns, Slot::float);
+            let white = columns[0].white(shown.iter().copied().fold(0.0, f32::max));
             for c in &mut shown {
                 *c = sh0_of_colour(*c / white);
             }

@@ -125,7 +125,7 @@ pub(in super::super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     read_in(bytes, ALONE)
 }
 
-/// As [`read`], inside another file.
+/// Reads a whole SPZ file of any version inside another file.
 pub(in super::super) fn read_in(bytes: &[u8], around: Around) -> Result<Parsed, Fault> {
     if bytes.starts_with(&[0x1f, 0x8b]) {
         return read_gzip(bytes, around);

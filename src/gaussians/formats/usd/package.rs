@@ -43,7 +43,7 @@ pub(in super::super) fn read_package(bytes: &[u8]) -> Result<Parsed, Fault> {
         return Err(binary());
     }
     if !layer.starts_with(b"#usda") {
-        return Err(damaged("its first file is no USD layer".into()));
+        return Err(damaged("its first file is not a USD layer".into()));
     }
     read(layer)
 }

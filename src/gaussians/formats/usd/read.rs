@@ -23,10 +23,18 @@ struct Arrays {
     opacities: Option<Vec<f32>>,
     degree: Option<f32>,
     coefficients: Option<Vec<f32>>,
+    /// True if one of them has time samples, which are not read.
+    sampled: bool,
 }
 
-/// Gaussians, and the map from their axes to those of the scope that they are in.
-type Part = (Gaussians, DAffine3);
+/// Gaussians, their tag, and the map from their axes to those of the scope that they are in.
+type Part = (Gaussians, Tag, DAffine3);
+
+/// What the metadata of a prim or of the layer state.
+struct Metadata {
+    active: bool,
+    tag: Tag,
+}
 
 /// An open pair of braces.
 #[derive(Default)]
@@ -34,19 +42,25 @@ struct Scope {
     /// Its prim's arrays, if it is one with Gaussians.
     splats: Option<Arrays>,
     name: String,
+    tag: Tag,
     transform: Transform,
     /// The contents of the prims in it.
     parts: Vec<Part>,
+    /// True if a stage shows nothing of it: a class, an `over`, inactive or invisible.
+    hidden: bool,
+    /// True for the value of a property: a dictionary, or the variants of a set.
+    value: bool,
 }
 
 /// Reads a text layer; its prims with Gaussians are one model.
 pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
     let mut reader = Reader { scan: Scan::new(text), tag: Tag::default(), z_up: false, parts: Vec::new() };
     reader.layer()?;
-    let Reader { z_up, parts, mut tag, .. } = reader;
+    let Reader { z_up, parts, tag: of_layer, .. } = reader;
     let upright = DAffine3::from_rotation_x(if z_up { -std::f64::consts::FRAC_PI_2 } else { 0.0 });
-    let (mut model, mut origin) = (None, None);
-    for (mut part, map) in parts {
+    let (mut model, mut tags, mut origin) = (None, Vec::new(), None);
+    for (mut part, tag, map) in parts {
+        tags.push(tag.or(&of_layer));
         if !place(&mut part, &(upright * map), &mut origin) {
             return Err(Fault::Unsupported(
                 "a prim is scaled by different factors along its axes; apply its transform in the program that made the \
@@ -65,6 +79,7 @@ pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
         )));
     };
     convert(&mut model, RIGHT_UP_BACK, RIGHT_DOWN_FRONT);
+    let mut tag = Tag::of_parts(tags);
     tag.origin = convert_place(origin.unwrap_or_default(), RIGHT_UP_BACK, RIGHT_DOWN_FRONT).to_array();
     Ok(Parsed { gaussians: model, format: Format::Usd, tag, trailing_bytes: 0 })
 }
@@ -81,7 +96,12 @@ impl Reader<'_> {
         let mut scopes: Vec<Scope> = Vec::new();
         while let Some(first) = self.scan.peek() {
             match first {
-                b'(' => self.metadata()?,
+                b'(' => {
+                    let Metadata { tag, .. } = self.metadata()?;
+                    if scopes.is_empty() {
+                        self.tag = tag.or(&self.tag);
+                    }
+                }
                 b'{' => {
                     self.scan.at += 1;
                     scopes.push(Scope::default());
@@ -91,12 +111,21 @@ impl Reader<'_> {
                     let Some(mut scope) = scopes.pop() else {
                         return Err(self.scan.fault("a brace that was not opened"));
                     };
+                    if scope.hidden || scopes.iter().any(|scope| scope.hidden) {
+                        continue;
+                    }
                     if let Some(arrays) = scope.splats {
-                        scope.parts.push((gaussians(arrays, &scope.name)?, DAffine3::IDENTITY));
+                        let (part, tag) = gaussians(arrays, &scope.name)?;
+                        scope.parts.push((part, tag, DAffine3::IDENTITY));
+                    }
+                    if scope.value && !scope.parts.is_empty() {
+                        return Err(Fault::Unsupported(
+                            "a variant set holds Gaussians; select one variant by `usdcat --flatten`".into(),
+                        ));
                     }
                     let around = scopes.last_mut().map_or(&mut self.parts, |scope| &mut scope.parts);
-                    for (part, map) in scope.parts {
-                        around.push((part, scope.transform.map()? * map));
+                    for (part, tag, map) in scope.parts {
+                        around.push((part, tag.or(&scope.tag), scope.transform.map()? * map));
                     }
                 }
                 _ => self.statement(&mut scopes)?,
@@ -112,26 +141,25 @@ impl Reader<'_> {
     fn statement(&mut self, scopes: &mut Vec<Scope>) -> Result<(), Fault> {
         let word = self.scan.word().unwrap_or_default();
         if matches!(word, b"def" | b"over" | b"class") {
-            let mut kind = self.scan.word().unwrap_or_default();
-            if self.scan.peek().is_some_and(|b| matches!(b, b'"' | b'\'')) {
-                let name = String::from_utf8_lossy(self.scan.word().unwrap_or_default()).into_owned();
-                if self.scan.peek() == Some(b'(') {
-                    self.metadata()?;
-                }
-                if self.scan.peek() != Some(b'{') {
-                    return Err(self.scan.fault("a prim without a brace"));
-                }
-                self.scan.at += 1;
-                if word != b"def" {
-                    kind = b"";
-                }
-                let splats = (kind == PRIM.as_bytes()).then(Arrays::default);
-                scopes.push(Scope { splats, name, ..Scope::default() });
-            } else if self.scan.peek() == Some(b'{') {
-                // `def "name"`: what was taken for the type is the name.
-                self.scan.at += 1;
-                scopes.push(Scope::default());
+            let quoted = |b: u8| matches!(b, b'"' | b'\'');
+            // A prim may have no type.
+            let kind: &[u8] =
+                if self.scan.peek().is_some_and(quoted) { b"" } else { self.scan.word().unwrap_or_default() };
+            if !self.scan.peek().is_some_and(quoted) {
+                return Ok(());
             }
+            let name = String::from_utf8_lossy(self.scan.word().unwrap_or_default()).into_owned();
+            let mut metadata = Metadata { active: true, tag: Tag::default() };
+            if self.scan.peek() == Some(b'(') {
+                metadata = self.metadata()?;
+            }
+            if self.scan.peek() != Some(b'{') {
+                return Err(self.scan.fault("a prim without a brace"));
+            }
+            self.scan.at += 1;
+            let splats = (kind == PRIM.as_bytes()).then(Arrays::default);
+            let hidden = word != b"def" || !metadata.active;
+            scopes.push(Scope { splats, name, tag: metadata.tag, hidden, ..Scope::default() });
             return Ok(());
         }
         // The words of a property up to its value; the last of them is its name.
@@ -149,7 +177,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    fn property(&mut self, name: &[u8], scopes: &mut [Scope]) -> Result<(), Fault> {
+    fn property(&mut self, name: &[u8], scopes: &mut Vec<Scope>) -> Result<(), Fault> {
         let Some(first) = self.scan.peek() else { return Err(self.scan.fault("the text ends before a value")) };
         if name == b"xformOpOrder" {
             let start = self.scan.at;
@@ -166,7 +194,21 @@ impl Reader<'_> {
             return Ok(());
         }
         if first == b'{' {
-            return Ok(()); // a variant set, whose braces are scopes
+            self.scan.at += 1;
+            if let Some(arrays) = scopes.last_mut().and_then(|scope| scope.splats.as_mut()) {
+                let sampled = name.strip_suffix(b".timeSamples");
+                arrays.sampled |=
+                    sampled.is_some_and(|name| arrays.values(name.strip_suffix(b"h").unwrap_or(name)).is_some());
+            }
+            scopes.push(Scope { value: true, ..Scope::default() });
+            return Ok(());
+        }
+        if name == b"visibility" {
+            let invisible = self.scan.word() == Some(b"invisible");
+            if let Some(scope) = scopes.last_mut() {
+                scope.hidden |= invisible;
+            }
+            return Ok(());
         }
         if let Some(scope) =
             scopes.last_mut().filter(|_| name.starts_with(b"xformOp:") && b"(-+.0123456789".contains(&first))
@@ -175,38 +217,46 @@ impl Reader<'_> {
             return Ok(());
         }
         let Some(arrays) = scopes.last_mut().and_then(|scope| scope.splats.as_mut()) else { return self.scan.pass() };
-        let values = match name {
-            b"positions" | b"positionsh" => &mut arrays.positions,
-            b"orientations" | b"orientationsh" => &mut arrays.orientations,
-            b"scales" | b"scalesh" => &mut arrays.scales,
-            b"opacities" | b"opacitiesh" => &mut arrays.opacities,
-            b"radiance:sphericalHarmonicsCoefficients" | b"radiance:sphericalHarmonicsCoefficientsh" => {
-                &mut arrays.coefficients
-            }
-            b"radiance:sphericalHarmonicsDegree" => {
-                arrays.degree = self.scan.numbers()?.first().copied();
-                return Ok(());
-            }
-            _ => return self.scan.pass(),
-        };
-        *values = Some(self.scan.numbers()?);
+        if first == b'N' {
+            return self.scan.pass(); // None
+        }
+        if name == b"radiance:sphericalHarmonicsDegree" {
+            arrays.degree = self.scan.numbers()?.first().copied();
+            return Ok(());
+        }
+        let half = name.strip_suffix(b"h");
+        let Some(values) = arrays.values(half.unwrap_or(name)) else { return self.scan.pass() };
+        let numbers = self.scan.numbers()?;
+        // An attribute may stand in both types; float counts.
+        if values.as_ref().is_none_or(Vec::is_empty) || (half.is_none() && !numbers.is_empty()) {
+            *values = Some(numbers);
+        }
         Ok(())
     }
 
-    /// A group of metadata in parentheses: which axis is up, and our tag.
-    fn metadata(&mut self) -> Result<(), Fault> {
+    /// A group of metadata in parentheses; notes which axis is up.
+    fn metadata(&mut self) -> Result<Metadata, Fault> {
+        let mut metadata = Metadata { active: true, tag: Tag::default() };
         let start = self.scan.at;
         self.scan.pass()?;
         let end = std::mem::replace(&mut self.scan.at, start);
         let mut last: &[u8] = b"";
+        let mut depth = 0_usize;
         while self.scan.at < end {
             let Some(word) = self.scan.word() else { break };
+            match word {
+                b"(" | b"{" => depth += 1,
+                b")" | b"}" => depth = depth.saturating_sub(1),
+                _ => {}
+            }
             if word == b"=" {
                 let value = if self.scan.at < end { self.scan.word().unwrap_or_default() } else { b"" };
+                depth += usize::from(matches!(value, b"(" | b"{"));
                 match last {
                     b"upAxis" => self.z_up = value == b"Z",
+                    b"active" if depth == 1 => metadata.active = !matches!(value, b"false" | b"0"),
                     _ if last == TAG.as_bytes() => {
-                        self.tag.comment(&[&format!("{TAG}:"), &String::from_utf8_lossy(value)]);
+                        metadata.tag.comment(&[&format!("{TAG}:"), &String::from_utf8_lossy(value)]);
                     }
                     _ => {}
                 }
@@ -214,54 +264,78 @@ impl Reader<'_> {
             last = word;
         }
         self.scan.at = end;
-        Ok(())
+        Ok(metadata)
     }
 }
 
-/// The Gaussians of a prim, in the layer's axes.
-fn gaussians(arrays: Arrays, name: &str) -> Result<Gaussians, Fault> {
-    let record = format!("prim {}", shown(name, 40));
-    let need = |values: Option<Vec<f32>>, what: &str| {
-        values.ok_or_else(|| {
-            malformed(&record, format!("has no {what} of its own, only perhaps in time samples; {AGAIN}"))
+impl Arrays {
+    /// The array of an attribute; none if it is no attribute of Gaussians.
+    fn values(&mut self, name: &[u8]) -> Option<&mut Option<Vec<f32>>> {
+        Some(match name {
+            b"positions" => &mut self.positions,
+            b"orientations" => &mut self.orientations,
+            b"scales" => &mut self.scales,
+            b"opacities" => &mut self.opacities,
+            b"radiance:sphericalHarmonicsCoefficients" => &mut self.coefficients,
+            _ => return None,
         })
-    };
-    let positions = need(arrays.positions, "positions")?;
+    }
+}
+
+/// The Gaussians of a prim, in the layer's axes. As in the schema, an array that is longer than the positions is cut, and
+/// an absent one has a default value.
+fn gaussians(arrays: Arrays, name: &str) -> Result<(Gaussians, Tag), Fault> {
+    let Arrays { positions, orientations, scales, opacities, degree, coefficients, sampled } = arrays;
+    let record = format!("prim {}", shown(name, 40));
+    let only_sampled = |what: &str| malformed(&record, format!("has no {what}, or only in time samples; {AGAIN}"));
+    let positions = positions.ok_or_else(|| only_sampled("positions"))?;
     let n = positions.len() / 3;
-    let of = |values: Option<Vec<f32>>, what: &str, width: usize| -> Result<Vec<f32>, Fault> {
-        let values = need(values, what)?;
-        if values.len() == n * width && positions.len() == 3 * n {
-            return Ok(values);
+    let mut defaults = Vec::new();
+    let mut of = |values: Option<Vec<f32>>, what: &'static str, default: &[f32]| {
+        let length = n * default.len();
+        match values.filter(|values| !values.is_empty()) {
+            Some(values) if values.len() < length || positions.len() > 3 * n => {
+                Err(malformed(&record, format!("{} numbers of {what} for {n} positions; {AGAIN}", values.len())))
+            }
+            Some(mut values) => {
+                values.truncate(length);
+                Ok(values)
+            }
+            None if sampled => Err(only_sampled(what)),
+            None => {
+                defaults.push(what);
+                Ok(default.repeat(n))
+            }
         }
-        Err(malformed(&record, format!("{} numbers of {what} for {n} positions; {AGAIN}", values.len())))
     };
-    let rotations = of(arrays.orientations, "orientations", 4)?.as_chunks().0.to_vec();
-    let scales: Vec<f32> = of(arrays.scales, "scales", 3)?.into_iter().map(log_scale).collect();
-    let opacities = of(arrays.opacities, "opacities", 1)?;
-    let coefficients = need(arrays.coefficients, "radiance:sphericalHarmonicsCoefficients")?;
-    let degrees = 0..=MAX_SH_DEGREE;
-    // The schema's own default is 3.
-    let degree = degrees.into_iter().find(|l| *l as f32 == arrays.degree.unwrap_or(3.0));
-    let degree = degree.ok_or_else(|| {
-        let what = format!(
-            "SH degree {}; 0 to {MAX_SH_DEGREE} are read, export it with one of these",
-            arrays.degree.unwrap_or(3.0)
-        );
-        Fault::Unsupported(what)
+    let rotations = of(orientations, "orientations", &[1.0, 0.0, 0.0, 0.0])?.as_chunks().0.to_vec();
+    let scales: Vec<f32> = of(scales, "scales", &[1.0; 3])?.into_iter().map(log_scale).collect();
+    let opacities = of(opacities, "opacities", &[1.0])?;
+    let degree = if coefficients.is_some() { degree.unwrap_or(3.0) } else { 0.0 };
+    let degree = (0..=MAX_SH_DEGREE).find(|l| *l as f32 == degree).ok_or_else(|| {
+        Fault::Unsupported(format!("SH degree {degree}; 0 to {MAX_SH_DEGREE} are read, export it with one of these"))
     })?;
     let width = 3 * (degree + 1).pow(2);
-    if coefficients.len() != n * width {
-        let what = format!("{} numbers of SH for {n} positions and degree {degree}; {AGAIN}", coefficients.len());
-        return Err(malformed(record, what));
+    // Cut, rows of more bands would be those of other Gaussians.
+    let given = coefficients.as_ref().map_or(0, Vec::len);
+    if n > 0 && (degree + 1..=MAX_SH_DEGREE).any(|l| given == n * 3 * (l + 1).pow(2)) {
+        let what = format!("{given} numbers of spherical harmonics for {n} positions and degree {degree}; {AGAIN}");
+        return Err(malformed(&record, what));
     }
+    let coefficients = of(coefficients, "spherical harmonics", &[0.0; 48][..width])?;
+    let doubt = (!defaults.is_empty())
+        .then(|| format!("{record} has no {}; the schema's default values are used", defaults.join(", ")));
     let band = |l: usize| -> Vec<f32> {
         coefficients.chunks_exact(width).flat_map(|row| &row[3 * l * l..3 * (l + 1) * (l + 1)]).copied().collect()
     };
-    Ok(Gaussians {
+    let gaussians = Gaussians {
         means: positions.as_chunks().0.to_vec(),
         log_scales: scales.as_chunks().0.to_vec(),
         rotations,
         opacity_logits: opacities.into_iter().map(logit).collect(),
         sh: (0..=degree).map(band).collect(),
-    })
+    };
+    let mut tag = Tag::default();
+    tag.doubt = doubt;
+    Ok((gaussians, tag))
 }

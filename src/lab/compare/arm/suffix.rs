@@ -43,7 +43,7 @@ impl Suffix {
 /// The suffixes of an arm.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Suffixes {
-    /// As given, in their order.
+    /// The suffixes that were given, in their order.
     pub given: Vec<Suffix>,
     /// The budget of `:BUDGET`.
     pub budget: Option<Budget>,
@@ -62,7 +62,10 @@ impl Suffixes {
         let mut found = Self::default();
         while !rest.is_empty() {
             let Some((suffix, begin, shown)) = Suffix::ALL.into_iter().find(|row| rest.starts_with(row.1)) else {
-                return Err(format!("'{text}': '{rest}' is no suffix of an arm; there are {}", Suffix::list(None)));
+                return Err(format!(
+                    "'{text}': '{rest}' is not a suffix of an arm; possible suffixes: {}",
+                    Suffix::list(None)
+                ));
             };
             rest = &rest[begin.len()..];
             if matches!(suffix, Suffix::Budget | Suffix::Share) {

@@ -190,7 +190,7 @@ mod tests {
         assert_eq!(stay, masks.judge(&scores, [1, 2]));
         assert_ne!(stay, masks.judge(&scores, [1, 3]));
         let sure = [50.0, 1e30, f32::INFINITY, -1e30, f32::NEG_INFINITY, f32::NAN];
-        assert_eq!(masks.judge(&sure, [1, 2]), [0, 1, 2], "what is no number goes");
+        assert_eq!(masks.judge(&sure, [1, 2]), [0, 1, 2], "what is not a number goes");
         assert_eq!(masks.shown(&[0.1, -0.1, f32::NAN]), 1);
     }
 

@@ -85,6 +85,9 @@ impl<'a, T: Trials> Search<'a, T> {
     }
 
     fn scored(&mut self, rung: usize, gaussians: usize) -> Result<Point, T::Error> {
+        if let Some(point) = self.tried.get(&(rung, gaussians)).filter(|point| point.psnr.is_some()) {
+            return Ok(*point);
+        }
         self.bytes(rung, gaussians)?;
         let psnr = self.trials.psnr(rung, gaussians)?;
         let point = self.tried.get_mut(&(rung, gaussians)).expect("a file that was tried");

@@ -41,6 +41,14 @@ impl<T: Trials> Search<'_, T> {
             && (self.left() > 0 || self.smallest(wanted).is_none())
             && self.attempt(row)?
         {}
+        // Where every row turned out to miss the target, a finer rung of the whole model reaches it.
+        if self.smallest(wanted).is_none() {
+            self.scored(self.last(), self.whole)?;
+            self.most = self.most.max(self.tried.len() + ON_A_RUNG);
+            if let Some(mut row) = self.of_whole(wanted) {
+                while !row.is_met() && self.left() > 0 && self.attempt(&mut row)? {}
+            }
+        }
         // Where rungs are far apart, fewer Gaussians lower the PSNR of the whole model to the target.
         let far = |point: &Point| point.gaussians == self.whole && point.psnr > Some(wanted + FAR);
         if let Some(point) = self.smallest(wanted).filter(far) {

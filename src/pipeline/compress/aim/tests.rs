@@ -254,6 +254,45 @@ impl Trials for Steep {
     }
 }
 
+/// Needles: merging costs all of the quality at once, and only the finest rungs of the whole model are good.
+struct Needles(f64);
+
+impl Needles {
+    const WHOLE: usize = 12_000;
+}
+
+impl Trials for Needles {
+    type Error = ();
+
+    fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, ()> {
+        Ok(3000 + (gaussians as f64 * 7.5 * 1.042_f64.powi(rung as i32)) as u64)
+    }
+
+    fn psnr(&mut self, rung: usize, gaussians: usize) -> Result<f64, ()> {
+        let whole: Vec<(f64, f64)> = [27.0, 28.5, 29.53, 30.62, 33.0, 40.0, 50.8]
+            .into_iter()
+            .enumerate()
+            .map(|(k, db)| (8.0 * k as f64, db))
+            .collect();
+        let share = |db: f64| 10_f64.powf(-db / 10.0);
+        let doublings = (gaussians as f64 / 500.0).log2();
+        let merged = if gaussians == Self::WHOLE { 0.0 } else { share(21.5 + self.0 * doublings) };
+        Ok(-10.0 * (share(between(&whole, rung as f64)) + merged).log10())
+    }
+}
+
+#[test]
+fn a_psnr_that_only_the_whole_model_reaches_is_met_from_near() {
+    let steps: Vec<usize> = (0..=48).step_by(8).collect();
+    for (slope, wanted) in [2.0, 2.5, 3.0, 4.0].into_iter().flat_map(|s| [30.5, 32.0, 34.0, 38.0].map(|w| (s, w))) {
+        let mut trials = Needles(slope);
+        let mut search = Search::new(&mut trials, Needles::WHOLE, &steps);
+        let Ok(Found::Best(best)) = search.find(Aim::Psnr(wanted)) else { panic!("{wanted}") };
+        let above = best.psnr.unwrap() - wanted;
+        assert!((0.0..1.0).contains(&above), "slope {slope}, {wanted}: {best:?}; {:?}", search.tried());
+    }
+}
+
 #[test]
 fn a_larger_size_never_has_a_worse_file_and_a_psnr_never_a_much_larger_one() {
     let steps: Vec<usize> = (0..=Steep::LAST).step_by(8).collect();

@@ -145,21 +145,28 @@ fn image(line: &str) -> Result<ImageRow, String> {
 /// points3D.txt.
 pub(super) fn points(path: &Path) -> Result<Vec<PointRow>, Error> {
     let text = files::read_text(path)?;
-    lines(&text)
+    let rows = lines(&text)
         .map(|(number, line)| point(line).map_err(|what| Error::malformed(path, format!("line {number}"), what)))
-        .collect()
+        .collect::<Result<Vec<_>, _>>()?;
+    // Some programs write colours from 0 to 1.
+    let colours = || rows.iter().flat_map(|(_, colour)| *colour);
+    let shares = colours().all(|c| c <= 1.0) && colours().any(|c| c.fract() != 0.0);
+    // Saturates; NaN gives 0.
+    let byte = |c: f64| if shares { (255.0 * c).round() as u8 } else { c as u8 };
+    Ok(rows.into_iter().map(|(row, colour)| PointRow { colour: colour.map(byte), ..row }).collect())
 }
 
-fn point(line: &str) -> Result<PointRow, String> {
+/// A point without its colour, and that.
+fn point(line: &str) -> Result<(PointRow, [f64; 3]), String> {
     let mut fields = Fields::new(line);
     let id = fields.value("point id")?;
     let position = fields.values("position")?;
-    let colour = fields.values("colour")?.map(|c: f64| c as u8); // saturates; NaN gives 0
+    let colour = fields.values("colour")?;
     let error = fields.value("error")?;
     let mut track = Vec::new();
     while !fields.rest.is_empty() {
         track.push(fields.value("track's image id")?);
         fields.value::<i64>("track's 2D point index")?;
     }
-    Ok(PointRow { id, position, colour, error, track })
+    Ok((PointRow { id, position, colour: [0; 3], error, track }, colour))
 }

@@ -44,8 +44,19 @@ pub(super) fn or_default<'de, T: Default + Deserialize<'de>, D: Deserializer<'de
 impl Frame {
     /// The matrix of its pose.
     pub fn matrix(&self) -> &Value {
-        if self.transform_matrix.is_array() { &self.transform_matrix } else { &self.transform_matrix_start }
+        let has_own = self.transform_matrix.is_array() && !is_unsaid(&self.transform_matrix);
+        if has_own { &self.transform_matrix } else { &self.transform_matrix_start }
     }
+
+    /// True for a photo that was not posed, which some writers list.
+    pub fn is_unposed(&self) -> bool {
+        is_unsaid(&self.transform_matrix) && is_unsaid(&self.transform_matrix_start)
+    }
+}
+
+/// True for a matrix of which a file says nothing: null, or an empty list.
+fn is_unsaid(matrix: &Value) -> bool {
+    matrix.is_null() || matrix.as_array().is_some_and(Vec::is_empty)
 }
 
 /// Fields of nerfstudio's file that concern all frames.

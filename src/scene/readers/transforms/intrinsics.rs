@@ -173,7 +173,7 @@ impl Intrinsics {
         let size = DVec2::new(f64::from(width), f64::from(height));
         for angle in [self.camera_angle_x, self.camera_angle_y].into_iter().flatten() {
             if !(angle > 0.0 && angle < PI) {
-                return Err(format!("its camera_angle {angle} is no angle of view in radians; is it in degrees?"));
+                return Err(format!("its camera_angle {angle} is not an angle of view in radians; is it in degrees?"));
             }
         }
         let from_angle = |extent: f64, angle: f64| 0.5 * extent / (0.5 * angle).tan();
@@ -188,7 +188,7 @@ impl Intrinsics {
         for (name, focal, side, of) in [("fl_x", self.fl_x, width, "w"), ("fl_y", self.fl_y, height, "h")] {
             if let Some(focal) = focal.filter(|focal| *focal > 0.0 && *focal < SHARE * f64::from(side)) {
                 return Err(format!(
-                    "its {name} {focal} is no focal length in pixels of a photo of {width} x {height}: multiply shares of \
+                    "its {name} {focal} is not a focal length in pixels of a photo of {width} x {height}: multiply shares of \
                      the photo's size by {of}"
                 ));
             }

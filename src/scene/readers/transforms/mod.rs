@@ -175,7 +175,7 @@ impl Reader<'_> {
         let found = roles.keys().filter(|name| names.contains(*name)).count();
         if found < listed {
             self.skipped.notes.push(format!(
-                "{} of {listed} in train_filenames, val_filenames and test_filenames are no frame's file_path",
+                "{} of {listed} in train_filenames, val_filenames and test_filenames match no frame's file_path",
                 listed - found
             ));
         }
@@ -201,8 +201,7 @@ impl Reader<'_> {
         let own = Intrinsics::of(json).map_err(|what| wrong(&record, what))?;
         let name = tidy(&frame.file_path);
         record = format!("{record} ({name:?})");
-        if frame.transform_matrix.is_null() && frame.transform_matrix_start.is_null() {
-            // Some writers list photos that were not posed.
+        if frame.is_unposed() {
             self.skipped.bad_poses.add(&name);
             return Ok(());
         }
