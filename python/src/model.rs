@@ -3,7 +3,7 @@
 use crate::arrays::{borrowed, floats, rows, tuple, vector};
 use crate::errors::{raised, warn, wrong};
 use crate::fork::detached;
-use engine::edit::{rounding, rounding_warning};
+use engine::edit::reading_warnings;
 use engine::gaussians::formats::{self, Loaded, Precision, RenderMode, SpzVersion};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
@@ -95,12 +95,8 @@ pub fn in_memory(model: &mut Value) {
 
 /// Warns of what reading a file lost, of an unclear tag, and of a file without Gaussians.
 pub fn warn_of(py: Python<'_>, loaded: &Loaded, path: &Path) -> PyResult<()> {
-    let none = loaded.gaussians.is_empty().then(|| "it holds no Gaussian".to_owned());
-    for remark in [loaded.doubt.clone(), loaded.remark(), none].into_iter().flatten() {
-        warn(py, &format!("{}: {remark}", path.display()))?;
-    }
-    if let Some(step) = rounding(&loaded.gaussians) {
-        warn(py, &rounding_warning(&format!("{}: the model lies far from its origin", path.display()), step))?;
+    for warning in reading_warnings(loaded) {
+        warn(py, &format!("{}: {warning}", path.display()))?;
     }
     Ok(())
 }

@@ -63,6 +63,14 @@ pub fn rounding_warning(what: &str, step: f64) -> String {
     format!("{what}: its positions are rounded to about {step:.1e} units")
 }
 
+/// What a user should know of a model that was read: an unclear tag, repairs, no Gaussian, positions that float32 rounds.
+pub fn reading_warnings(loaded: &Loaded) -> Vec<String> {
+    let model = &loaded.gaussians;
+    let none = model.is_empty().then(|| "it holds no Gaussian".to_owned());
+    let far = rounding(model).map(|step| rounding_warning("the model lies far from its origin", step));
+    [loaded.doubt.clone(), loaded.remark(), none, far].into_iter().flatten().collect()
+}
+
 /// The middle of a model's box, and the length of its diagonal.
 fn box_of(model: &Gaussians) -> (DVec3, f64) {
     let (low, high) = model.bounds().unwrap_or_default();

@@ -30,7 +30,7 @@ mod unwanted;
 pub use editor::{Editor, Step};
 pub use error::Error;
 pub use floaters::{Evidence, Reason, Sight, are_many_floaters, floater_warning};
-pub use merge::{common_origin, merge, numbers, rounding, rounding_warning};
+pub use merge::{common_origin, merge, numbers, reading_warnings, rounding, rounding_warning};
 pub use region::Region;
 pub use similarity::{Similarity, between};
 pub use unwanted::{INVISIBLE, NEEDLE, Unwanted};

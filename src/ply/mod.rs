@@ -6,10 +6,6 @@ mod table;
 pub(crate) use header::{Element, Encoding, Header, Kind};
 pub(crate) use table::{Slot, Table, tables};
 
-/// Names that tools give to the columns of red, green and blue, the usual ones first.
-pub(crate) const COLOURS: [[&str; 3]; 3] =
-    [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
-
 /// A contradiction in a file.
 #[derive(Debug)]
 pub(crate) struct Fault {

@@ -79,7 +79,22 @@ pub(crate) struct Table<'a> {
     pub(crate) stride: usize,
 }
 
+/// Names that tools give to the columns of red, green and blue, the usual ones first.
+const COLOURS: [[&str; 3]; 3] =
+    [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
+
 impl Table<'_> {
+    /// The columns of these names, if all three are there.
+    pub(crate) fn three(&self, names: [&str; 3]) -> Option<[Slot; 3]> {
+        let [Some(a), Some(b), Some(c)] = names.map(|name| self.find(name)) else { return None };
+        Some([a, b, c])
+    }
+
+    /// The columns of red, green and blue, whatever they are called.
+    pub(crate) fn colours(&self) -> Option<[Slot; 3]> {
+        COLOURS.into_iter().find_map(|names| self.three(names))
+    }
+
     /// The element's name in the header.
     pub(crate) fn name(&self) -> &str {
         &self.element.name

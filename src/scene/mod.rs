@@ -140,7 +140,7 @@ fn unusable(view: &View, skipped: &mut Skipped) -> Option<String> {
     let photo = view.image.display();
     if !view.image.is_file() {
         skipped.missing_images.add_photo(view);
-        // Of the first alone, which is the one that is told.
+        // Only the message of the first absent photo is shown.
         let instead = if skipped.missing_images.count == 1 { readers::only_unread(&view.image) } else { None };
         return Some(match instead {
             Some(instead) => format!("{photo}: {instead}"),

@@ -30,6 +30,14 @@ fn wall(root: &Path, with_points: bool, behind: f64) {
     write(&root.join("sparse/0"), model.binary());
 }
 
+/// An empty capture, and the folder `depth` in it.
+fn with_maps() -> (tempfile::TempDir, std::path::PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let maps = folder.path().join("depth");
+    std::fs::create_dir_all(&maps).unwrap();
+    (folder, maps)
+}
+
 fn npy(path: &Path, value: impl Fn(u32, u32) -> f32) {
     let file = std::fs::File::create(path).unwrap();
     let shape = [u64::from(SIZE[1]), u64::from(SIZE[0])];
@@ -55,9 +63,7 @@ fn maps_of(scene: &mut Scene, views: &[usize]) -> DepthMaps {
 
 #[test]
 fn maps_get_the_scale_of_the_points_and_lie_where_photos_show_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder_of_maps = folder.path().join("depth");
-    std::fs::create_dir_all(&folder_of_maps).unwrap();
+    let (folder, folder_of_maps) = with_maps();
     for with_points in [true, false] {
         wall(folder.path(), with_points, 0.0);
         // Of other scales, half and a quarter, if points tell them.
@@ -132,9 +138,7 @@ fn many_points_without_tracks_tell_the_scale() {
 
 #[test]
 fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder_of_maps = folder.path().join("depth");
-    std::fs::create_dir_all(&folder_of_maps).unwrap();
+    let (folder, folder_of_maps) = with_maps();
     wall(folder.path(), true, 0.5);
     // The map lies at one depth, the points do not.
     npy(&folder_of_maps.join("a.npy"), |_, _| 4.0);
@@ -157,9 +161,7 @@ fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
 
 #[test]
 fn maps_that_contradict_each_other_are_left_out_where_no_points_tell_their_scale() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder_of_maps = folder.path().join("depth");
-    std::fs::create_dir_all(&folder_of_maps).unwrap();
+    let (folder, folder_of_maps) = with_maps();
     wall(folder.path(), false, 0.0);
     for (wrong, used) in [(1.0, 3), (2.0, 0)] {
         for (i, name) in ["a.npy", "b.npy", "c.npy"].iter().enumerate() {
@@ -173,9 +175,7 @@ fn maps_that_contradict_each_other_are_left_out_where_no_points_tell_their_scale
 
 #[test]
 fn negative_depths_are_told() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder_of_maps = folder.path().join("depth");
-    std::fs::create_dir_all(&folder_of_maps).unwrap();
+    let (folder, folder_of_maps) = with_maps();
     wall(folder.path(), false, 0.0);
     for name in ["a.npy", "b.npy", "c.npy"] {
         npy(&folder_of_maps.join(name), |_, _| -4.0);
@@ -338,9 +338,7 @@ fn hidden_parts_of_photos_have_no_depth() {
 
 #[test]
 fn an_edge_gives_no_points_and_a_hole_none() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder_of_maps = folder.path().join("depth");
-    std::fs::create_dir_all(&folder_of_maps).unwrap();
+    let (folder, folder_of_maps) = with_maps();
     wall(folder.path(), false, 0.0);
     npy(&folder_of_maps.join("a.npy"), |x, y| {
         if y < 20 {

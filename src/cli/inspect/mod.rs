@@ -5,7 +5,7 @@ mod scene;
 
 use super::console::Console;
 use super::values;
-use crate::edit::{rounding, rounding_warning};
+use crate::edit::reading_warnings;
 use crate::extension::has_extension;
 use crate::gaussians::{
     self,
@@ -110,17 +110,8 @@ fn read(path: &Path) -> Result<Loaded, Error> {
 /// Reads a model and warns of repairs.
 pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error> {
     let loaded = read(path)?;
-    if let Some(doubt) = &loaded.doubt {
-        console.warn(format_args!("{}: {doubt}", path.display()));
-    }
-    if let Some(remark) = loaded.remark() {
-        console.warn(format_args!("{}: {remark}", path.display()));
-    }
-    if loaded.gaussians.is_empty() {
-        console.warn(format_args!("{}: it holds no Gaussian", path.display()));
-    }
-    if let Some(step) = rounding(&loaded.gaussians) {
-        console.warn(rounding_warning(&format!("{}: the model lies far from its origin", path.display()), step));
+    for warning in reading_warnings(&loaded) {
+        console.warn(format_args!("{}: {warning}", path.display()));
     }
     Ok(loaded)
 }

@@ -143,22 +143,22 @@ pub struct CurvePoint {
 /// Loss since the best PSNR of a run, in dB, from which it is reported.
 const PAST: f64 = 0.1;
 
+/// The best point of a curve with no more Gaussians than at its end, if it is well above that and above `end` in dB.
+fn best_before(curve: &[CurvePoint], end: f64) -> Option<&CurvePoint> {
+    let last = curve.last()?;
+    let as_small = curve.iter().filter(|p| p.gaussians <= last.gaussians);
+    let best = as_small.max_by(|a, b| a.psnr.total_cmp(&b.psnr))?;
+    (best.psnr - last.psnr.max(end) >= PAST).then_some(best)
+}
+
 impl RunRecord {
     /// The best point of the quality curve with no more Gaussians than at the end, if the run ended well below it:
     /// training longer was a loss. If the end is no loss, the same up to the last point with the most Gaussians, from
     /// which prunes begin, unless the end makes up for it.
     pub fn past_best(&self) -> Option<&CurvePoint> {
         let largest = self.curve.iter().enumerate().max_by_key(|(_, p)| p.gaussians)?.0;
-        let lost = |curve: &'_ [CurvePoint]| {
-            let last = curve.last()?;
-            let as_small = (0..curve.len()).filter(|&i| curve[i].gaussians <= last.gaussians);
-            let best = as_small.max_by(|&a, &b| curve[a].psnr.total_cmp(&curve[b].psnr))?;
-            (curve[best].psnr - last.psnr >= PAST).then_some(best)
-        };
         let end = self.curve.last()?.psnr;
-        let made_up = |&best: &usize| self.curve[best].psnr - end < PAST;
-        let best = lost(&self.curve).or_else(|| lost(&self.curve[..=largest]).filter(|best| !made_up(best)))?;
-        self.curve.get(best)
+        best_before(&self.curve, end).or_else(|| best_before(&self.curve[..=largest], end))
     }
 }
 

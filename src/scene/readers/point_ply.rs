@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::files;
 use crate::kernels::constants::sh::float64::SH_C0;
-use crate::ply::{COLOURS, Fault, Header, Slot, Table, malformed, tables};
+use crate::ply::{Fault, Header, Slot, Table, malformed, tables};
 use crate::scene::{Error, Point};
 
 /// Reads the vertices of a PLY file.
@@ -21,13 +21,10 @@ fn points(bytes: &[u8]) -> Result<Vec<Point>, Fault> {
     let header = Header::parse(bytes)?;
     let (tables, _) = tables(bytes, &header, &["vertex"])?;
     let Some(vertices) = tables.first() else { return Err(malformed("the header", "has no element vertex")) };
-    let [Some(x), Some(y), Some(z)] = ["x", "y", "z"].map(|name| vertices.find(name)) else {
+    let Some([x, y, z]) = vertices.three(["x", "y", "z"]) else {
         return Err(malformed("the header", "its vertices have no x, y and z"));
     };
-    let normal = match ["nx", "ny", "nz"].map(|name| vertices.find(name)) {
-        [Some(x), Some(y), Some(z)] => Some([x, y, z]),
-        _ => None,
-    };
+    let normal = vertices.three(["nx", "ny", "nz"]);
     let colour = Colour::of(vertices);
     let rows = || vertices.rows().chunks_exact(vertices.stride);
     let shown: Vec<[f64; 3]> = rows().map(|row| colour.shown(row)).collect();
@@ -65,15 +62,11 @@ enum Colour {
 
 impl Colour {
     fn of(vertices: &Table<'_>) -> Self {
-        let three = |names: [&str; 3]| {
-            let [Some(red), Some(green), Some(blue)] = names.map(|name| vertices.find(name)) else { return None };
-            Some([red, green, blue])
-        };
-        if let Some(columns) = COLOURS.into_iter().find_map(three) {
+        if let Some(columns) = vertices.colours() {
             return Self::Three(columns, columns[0].white(0.0).into());
         }
         let packed = ["rgb", "rgba"].into_iter().find_map(|name| vertices.find(name));
-        match (three(["f_dc_0", "f_dc_1", "f_dc_2"]), packed.filter(|slot| slot.kind().size() == 4)) {
+        match (vertices.three(["f_dc_0", "f_dc_1", "f_dc_2"]), packed.filter(|slot| slot.kind().size() == 4)) {
             (Some(columns), _) => Self::Harmonics(columns),
             (None, Some(slot)) => Self::Packed(slot),
             (None, None) => Self::None,

@@ -156,7 +156,7 @@ fn layers_are_read_as_their_schema_says() {
         changed("half3[] radiance:sphericalHarmonicsCoefficientsh = [(0.1, 0.2, 0.3)]", "float other = 1").unwrap();
     assert_eq!(grey.gaussians.sh[0][..3], [0.0; 3]);
 
-    // What a stage does not show.
+    // A stage does not show these prims.
     let two = "def ParticleField3DGaussianSplat \"two\" {";
     for hidden in [
         two.replace(" {", " (active = false) {"),

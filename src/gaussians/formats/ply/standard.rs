@@ -11,7 +11,7 @@ use super::super::bytes::sh0_of_colour;
 use super::super::fault::{Fault, malformed};
 use super::super::turn::middle;
 use crate::gaussians::MAX_SH_DEGREE;
-use crate::ply::{COLOURS, Kind, Slot, Table};
+use crate::ply::{Kind, Slot, Table};
 use crate::scene::origin::near;
 
 /// The third log-scale of a flat model, which has two: as thin as 2DGS's own export for viewers makes it.
@@ -31,11 +31,7 @@ pub(super) fn gaussians(vertex: &Table, origin: &mut [f64; 3]) -> Result<Gaussia
     let rotations = slots(vertex, ["rot_0", "rot_1", "rot_2", "rot_3"])?;
     let opacity = vertex.slot("opacity")?;
     let rest = rest_slots(vertex)?;
-    let colours = COLOURS.into_iter().find_map(|names| match names.map(|name| vertex.find(name)) {
-        [Some(red), Some(green), Some(blue)] => Some([red, green, blue]),
-        _ => None,
-    });
-    let mut sh = match (vertex.find("f_dc_0"), colours) {
+    let mut sh = match (vertex.find("f_dc_0"), vertex.colours()) {
         (None, Some(columns)) => {
             let mut shown = gather(vertex, &columns, Slot::float);
             let white = columns[0].white(shown.iter().copied().fold(0.0, f32::max));

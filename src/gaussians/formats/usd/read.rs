@@ -30,9 +30,10 @@ struct Arrays {
 /// Gaussians, their tag, and the map from their axes to those of the scope that they are in.
 type Part = (Gaussians, Tag, DAffine3);
 
-/// What the metadata of a prim or of the layer state.
+/// Metadata of a prim or of the layer.
+#[derive(Default)]
 struct Metadata {
-    active: bool,
+    inactive: bool,
     tag: Tag,
 }
 
@@ -149,16 +150,13 @@ impl Reader<'_> {
                 return Ok(());
             }
             let name = String::from_utf8_lossy(self.scan.word().unwrap_or_default()).into_owned();
-            let mut metadata = Metadata { active: true, tag: Tag::default() };
-            if self.scan.peek() == Some(b'(') {
-                metadata = self.metadata()?;
-            }
+            let metadata = if self.scan.peek() == Some(b'(') { self.metadata()? } else { Metadata::default() };
             if self.scan.peek() != Some(b'{') {
                 return Err(self.scan.fault("a prim without a brace"));
             }
             self.scan.at += 1;
             let splats = (kind == PRIM.as_bytes()).then(Arrays::default);
-            let hidden = word != b"def" || !metadata.active;
+            let hidden = word != b"def" || metadata.inactive;
             scopes.push(Scope { splats, name, tag: metadata.tag, hidden, ..Scope::default() });
             return Ok(());
         }
@@ -236,7 +234,7 @@ impl Reader<'_> {
 
     /// A group of metadata in parentheses; notes which axis is up.
     fn metadata(&mut self) -> Result<Metadata, Fault> {
-        let mut metadata = Metadata { active: true, tag: Tag::default() };
+        let mut metadata = Metadata::default();
         let start = self.scan.at;
         self.scan.pass()?;
         let end = std::mem::replace(&mut self.scan.at, start);
@@ -254,7 +252,7 @@ impl Reader<'_> {
                 depth += usize::from(matches!(value, b"(" | b"{"));
                 match last {
                     b"upAxis" => self.z_up = value == b"Z",
-                    b"active" if depth == 1 => metadata.active = !matches!(value, b"false" | b"0"),
+                    b"active" if depth == 1 => metadata.inactive = matches!(value, b"false" | b"0"),
                     _ if last == TAG.as_bytes() => {
                         metadata.tag.comment(&[&format!("{TAG}:"), &String::from_utf8_lossy(value)]);
                     }
