@@ -93,6 +93,8 @@ pub mod wording;
 #[doc(hidden)]
 pub mod cli;
 #[cfg(feature = "pipeline")]
+pub mod depth_maps;
+#[cfg(feature = "pipeline")]
 pub mod job;
 #[cfg(feature = "lab")]
 pub mod lab;

@@ -29,7 +29,7 @@ pub(super) struct Choices {
     /// [default: hybrid; compress without --fine-tune and preset paper: per-block]
     #[arg(long, value_name = "NAME", value_parser = values::named("a budget", &Budget::ALL, Budget::name))]
     budget: Option<Budget>,
-    /// Share of the Gaussians that is reserved for small, visible detail [default: 0.05]
+    /// Share of the Gaussians that is reserved for small, visible detail; at most a fifth of those kept [default: 0.05]
     #[arg(long, value_name = "SHARE", value_parser = values::share_or_none)]
     detail: Option<f64>,
     /// Merge the colour and opacity of dropped Gaussians into the kept ones that they overlap; without a value, true [default:

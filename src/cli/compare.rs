@@ -80,7 +80,7 @@ impl Arguments {
             .collect::<Result<_, _>>()
             .map_err(|e| Error::Usage(format!("--arms: {e}")))?;
         if let Some(twice) = (1..arms.len()).find(|i| arms[..*i].iter().any(|a| a.name == arms[*i].name)) {
-            return Err(Error::Usage(format!("--arms: {} is there twice", arms[twice].name)));
+            return Err(Error::Usage(format!("--arms: {} is given twice", arms[twice].name)));
         }
         // The arms share everything up to the checkpoint: another choice of arms continues from it. A count decides how far
         // the model grows.

@@ -12,10 +12,10 @@ use crate::extension::has_extension;
 use crate::gaussians::formats::{self, Precision, SpzPrecision};
 use crate::job::records::{CompressRecord, StageScores, Truth};
 use crate::job::{Error, Output};
+use crate::lab::curve::peer::Peer;
+use crate::lab::curve::{CurvePlan, SIZES, curve};
 use crate::metrics::{Networks, Scores};
-use crate::pipeline::compress::curve::{CurvePlan, SIZES, curve};
 use crate::pipeline::compress::fit::{self, Target};
-use crate::pipeline::compress::peer::Peer;
 use crate::pipeline::compress::remarks::remarks;
 use crate::pipeline::compress::{self, Input};
 use crate::qirf::pairs::PairCounts;
@@ -35,8 +35,10 @@ const EXAMPLES: &str = "Examples:
 
 Without photos, the result is compared with pictures of the model from all around it. If you have the capture, use --scene, which gives better results. Rooms and landscapes, which surround their cameras, need it.";
 
+// Only photos are filed. Clap drops a requirement where another option excludes what is required: those exclude it, too.
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
+#[command(mut_arg("scratch", |arg| arg.requires("scene").conflicts_with_all(["views", "up"])))]
 pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
@@ -146,13 +148,14 @@ impl Arguments {
         let plan = CurvePlan { formats, peer: peer.as_ref() };
         let record = curve(&session, input, &config, &plan)?;
         if peer.is_none() && self.peer != "none" {
-            console.note(format_args!("without files of {}, which cannot be started", self.peer));
+            console.note(format_args!("the curve has no files of {}, which cannot be started", self.peer));
         }
         for format in formats {
             let files = record.files.iter().filter(|file| file.wanted.is_some() && file.format == *format).count();
             if files < SIZES as usize {
                 let small = SIZES as usize - files;
-                console.note(format_args!("{format}: {small} of {SIZES} sizes are too small for a single Gaussian"));
+                let are = if small == 1 { "is" } else { "are" };
+                console.note(format_args!("{format}: {small} of {SIZES} sizes {are} too small for a single Gaussian"));
             }
         }
         tell_of_missing(&networks, console);

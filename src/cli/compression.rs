@@ -10,7 +10,7 @@ use crate::job::config::PruneRule;
 use crate::job::records::Aim;
 use crate::job::{Error, Selection};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
-use crate::pipeline::place::place;
+use crate::pipeline::place::place_read;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
 use crate::scene::EVAL_EVERY;
@@ -80,10 +80,16 @@ impl CompressArgs {
     /// Reads the model, counts its means from the origin of its scene, if it has one, and decides how the model is drawn.
     pub fn read(&self, model: &Path, console: &Console) -> Result<(Loaded, Style), Error> {
         let mut loaded = read_model(model, console)?;
-        if let Some(scene) = &self.scene {
-            place(&mut loaded.gaussians, &mut loaded.origin, scene, self.images.as_deref())?;
+        if let Some(scene) = &self.scene
+            && let Some(doubt) = place_read(&mut loaded, scene, self.images.as_deref())?
+        {
+            console.warn(format_args!("{} {doubt}", model.display()));
         }
         let style = self.rendering.style(model, &loaded, None, console);
+        let rule = self.rule(0)?;
+        if let Some(note) = rule.detail_note(rule.keep, loaded.gaussians.len()) {
+            console.note(note);
+        }
         Ok((loaded, style))
     }
 
@@ -119,15 +125,19 @@ impl CompressArgs {
         }
     }
 
-    /// The configuration of a compression in this style, with `fine_tune` iterations of training afterwards.
-    pub fn configuration(&self, style: Style, fine_tune: u32) -> Result<CompressConfig, Error> {
-        let preset = match self.preset {
+    /// The choice of Gaussians, with `fine_tune` iterations of training afterwards.
+    fn rule(&self, fine_tune: u32) -> Result<PruneRule, Error> {
+        self.choices.over(match self.preset {
             Preset::Standard => {
                 let usual = CompressConfig::rule(fine_tune);
                 PruneRule { selector: self.choices.selector.unwrap_or(usual.selector), ..usual }
             }
             Preset::Paper => PruneRule::paper(),
-        };
+        })
+    }
+
+    /// The configuration of a compression in this style, with `fine_tune` iterations of training afterwards.
+    pub fn configuration(&self, style: Style, fine_tune: u32) -> Result<CompressConfig, Error> {
         let pictures = self.pictures()?;
         let default = VirtualCameras::default();
         let views = match &self.scene {
@@ -148,6 +158,6 @@ impl CompressArgs {
                 background: self.background.unwrap_or([0.0; 3]),
             },
         };
-        Ok(CompressConfig { compression: self.choices.over(preset)?, views, style, fine_tune, seed: self.seed })
+        Ok(CompressConfig { compression: self.rule(fine_tune)?, views, style, fine_tune, seed: self.seed })
     }
 }

@@ -96,7 +96,7 @@ impl Console {
             return ProgressBar::hidden();
         }
         let bar = ProgressBar::with_draw_target(Some(length), ProgressDrawTarget::stderr());
-        let template = "{msg} {wide_bar:.cyan/dim} {pos}/{len} {elapsed_precise} (left {eta})";
+        let template = "{msg} {wide_bar:.cyan/dim} {pos}/{len} {elapsed_precise} ({eta} left)";
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style);
         }
@@ -109,7 +109,7 @@ impl Console {
     pub fn training_bar(&self, iterations: u64) -> ProgressBar {
         let bar = self.bar(iterations, "training");
         if let Ok(style) =
-            ProgressStyle::with_template("training {wide_bar:.cyan/dim} {pos}/{len}  {msg}  {per_sec} (left {eta})")
+            ProgressStyle::with_template("training {wide_bar:.cyan/dim} {pos}/{len}  {msg}  {per_sec} ({eta} left)")
         {
             bar.set_style(style);
         }

@@ -9,6 +9,7 @@ use super::values;
 use super::viewer;
 use super::{Global, check_file};
 use crate::extension::has_extension;
+use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, Precision, SpzPrecision, SpzVersion};
 use crate::job::records::Aim;
 use crate::job::{Error, Session};
@@ -23,7 +24,7 @@ use crate::pipeline::virtual_views::VirtualCameras;
 use crate::render::Style;
 use crate::scene::orbit::UP;
 use crate::scene::{OpenOptions, Scene};
-use crate::view::alone::{PageOptions, Shell};
+use crate::view::alone::{Fit, PageOptions, Shell};
 use crate::wording::{counted, file_size};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -66,10 +67,11 @@ pub(super) struct Arguments {
     /// Title of the page [default: the model's file name]
     #[arg(long, value_name = "TEXT", help_heading = "Pages (.html)")]
     title: Option<String>,
-    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white
+    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Pages (.html)")]
     background: Option<[f32; 3]>,
-    /// World axis that is up: x, y, z, -x, -y, -z, or auto (as in captures: -y)
+    /// World axis that is up: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: up in the photos of --scene, else
+    /// auto]
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true, help_heading = "Pages (.html)")]
     up: Option<DVec3>,
     #[command(flatten)]
@@ -77,7 +79,8 @@ pub(super) struct Arguments {
     /// Maximum size of the page, such as 5MB: find the page with the highest PSNR
     #[arg(long, value_name = "BYTES", allow_hyphen_values = true, value_parser = file_size, help_heading = "Pages (.html)")]
     size: Option<u64>,
-    /// Scene whose first camera shows the model first [default: the whole model]
+    /// Scene whose first camera shows the model first, and whose up direction and near plane the page takes [default: the whole
+    /// model]
     #[arg(long, value_name = "SCENE", help_heading = "Pages (.html)")]
     scene: Option<PathBuf>,
 }
@@ -129,7 +132,10 @@ impl Arguments {
         if let Some((levels, session)) = self.lod.zip(session.as_ref()) {
             return self.write_levels(session, &loaded, levels as usize, console);
         }
-        let shell = is_page.then(|| self.shell(session.as_ref(), &loaded, style)).transpose()?;
+        let page = is_page.then(|| self.page(session.as_ref(), &loaded, style)).transpose()?;
+        let up = page.as_ref().map_or(UP, |options| options.up);
+        // From here on, a page's model is in the page's coordinates.
+        let shell = page.map(|options| fitted(&mut loaded.gaussians, options));
         let wrap = |packed: &[u8]| shell.as_ref().map_or_else(Vec::new, |shell| shell.page(packed).into_bytes());
         let target = Target {
             path: &self.output,
@@ -140,7 +146,7 @@ impl Arguments {
             origin: loaded.origin,
         };
         if let Some((size, session)) = self.size.zip(session.as_ref()) {
-            return self.write_within(session, (loaded, style), (&target, size), console);
+            return self.write_within(session, (loaded, style, up), (&target, size), console);
         }
         let cost = if exact {
             formats::write_at(&self.output, &loaded.gaussians, loaded.mode, loaded.origin).map_err(Error::writing)?;
@@ -218,11 +224,11 @@ impl Arguments {
     fn write_within(
         &self,
         session: &Session<'_>,
-        (loaded, style): (Loaded, Style),
+        (loaded, style, up): (Loaded, Style, DVec3),
         (target, size): (&Target<'_>, u64),
         console: &Console,
     ) -> Result<(), Error> {
-        let cameras = VirtualCameras { up: self.up.unwrap_or(UP), ..VirtualCameras::default() };
+        let cameras = VirtualCameras { up, ..VirtualCameras::default() };
         let views = ViewSource::OwnPictures { cameras, background: self.background.unwrap_or_default() };
         let config = CompressConfig { views, style, ..CompressConfig::default() };
         let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
@@ -256,31 +262,32 @@ impl Arguments {
         Ok(())
     }
 
-    /// The page without its model; with a device, it begins with a picture.
-    fn shell(&self, session: Option<&Session<'_>>, loaded: &Loaded, style: Style) -> Result<Shell, Error> {
+    /// The contents of the page besides its model; with a device, it begins with a picture.
+    fn page(&self, session: Option<&Session<'_>>, loaded: &Loaded, style: Style) -> Result<PageOptions, Error> {
         let stem = || self.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let start = match &self.scene {
-            Some(path) => {
-                let scene = Scene::open(path, &OpenOptions::default())?;
-                let shift = shift_to(&loaded.gaussians, loaded.origin, &scene);
-                scene.views.first().map(|view| view.camera.relative_to(shift))
-            }
-            None => None,
-        };
-        let mut options = PageOptions {
-            title: self.title.clone().unwrap_or_else(stem),
-            background: self.background.unwrap_or_default(),
-            style,
-            up: self.up.unwrap_or(UP),
-            start,
-            poster: None,
-        };
+        let title = self.title.clone().filter(|title| !title.trim().is_empty()).unwrap_or_else(stem);
+        let background = self.background.unwrap_or_default();
+        let mut options = PageOptions { title, background, style, ..PageOptions::default() };
+        if let Some(path) = &self.scene {
+            let scene = Scene::open(path, &OpenOptions::default())?;
+            let first = scene.views.first().map(|view| &view.camera);
+            options.place_in(&scene, first, shift_to(&loaded.gaussians, loaded.origin, &scene));
+        }
+        options.up = self.up.unwrap_or(options.up);
         let room = self.size.is_none_or(|size| size >= WITH_POSTER);
         if let Some(session) = session.filter(|_| room) {
             options.poster = viewer::poster(session, &loaded.gaussians, &options)?;
         }
-        Ok(Shell::new(&loaded.gaussians, &options))
+        Ok(options)
     }
+}
+
+/// A page without its model, which is moved and scaled where a page needs that.
+fn fitted(model: &mut Gaussians, mut options: PageOptions) -> Shell {
+    if let Some(fit) = Fit::of(model) {
+        fit.apply(model, &mut options);
+    }
+    Shell::new(model, &options)
 }
 
 /// Writes a quantised file; what it costs, for a message.

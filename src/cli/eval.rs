@@ -13,7 +13,7 @@ use crate::job::records::{RunRecord, ViewScores};
 use crate::job::{Error, Output, RunConfig, Selection};
 use crate::metrics::{Networks, Scores};
 use crate::pipeline::eval::{self, Evaluation};
-use crate::pipeline::place::{align, place};
+use crate::pipeline::place::{align, place_read};
 use crate::render::Style;
 use std::path::{Path, PathBuf};
 
@@ -25,7 +25,7 @@ const EXAMPLES: &str = "Examples:
 
 Photos are held out, scaled and scored as by `qirf-vk run`: a run's model.ply gets the run's scores.
 With --against, the model is scored against pictures of its original, from the views that `qirf-vk compress` holds out. Where \
-both are equal, PSNR is infinite, and the table says so.";
+both pictures are equal, PSNR is infinite, and the table shows `equal`.";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Original of the model, before compression, whose pictures replace the photos
-    #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every", "pole_mask"])]
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every", "pole_mask", "scratch"])]
     against: Option<PathBuf>,
     /// Configuration of a run, its config.toml, which names scene, photos and rendering; options on the command line take
     /// precedence
@@ -94,7 +94,9 @@ impl Arguments {
         let mut loaded = read_model(&self.model, console)?;
         let evaluation = self.evaluation(&loaded, console)?;
         let selection = &evaluation.selection;
-        place(&mut loaded.gaussians, &mut loaded.origin, &selection.scene, selection.images.as_deref())?;
+        if let Some(doubt) = place_read(&mut loaded, &selection.scene, selection.images.as_deref())? {
+            console.warn(format_args!("{} {doubt}", self.model.display()));
+        }
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let output = self.output.as_deref().map(Output::new).transpose()?;

@@ -226,7 +226,13 @@ impl Cli {
     /// Advice on an error of this command.
     fn remedy(&self, error: &Error) -> Option<String> {
         match (error, &self.command) {
-            (Error::Interrupted, Command::Run(_) | Command::Compare(_)) => Some("continue with --resume".to_owned()),
+            (Error::Interrupted, Command::Compress(_) | Command::Convert(_) | Command::Edit(_)) => {
+                Some("no model was written".to_owned())
+            }
+            (Error::Interrupted, Command::Run(_) | Command::Compare(_)) => {
+                Some("what was finished is kept: continue with --resume".to_owned())
+            }
+            (Error::Interrupted, _) => Some("what was finished is kept".to_owned()),
             _ => remedy::remedy(error),
         }
     }

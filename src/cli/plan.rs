@@ -15,6 +15,7 @@ use crate::selftest;
 use crate::shard::blocks::BlockRun;
 use crate::shard::{CompressPlan, Job, Plan, Shard};
 use crate::wording::counted;
+use clap::Arg;
 use std::path::PathBuf;
 
 #[derive(Debug, clap::Subcommand)]
@@ -25,7 +26,9 @@ pub(super) enum Planned {
     Run(Box<OfScene>),
 }
 
+// A plan has no aim for the file.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("psnr", |arg| arg.hide(true)), mut_arg("size", of_pictures))]
 pub(super) struct OfModel {
     /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
@@ -35,7 +38,9 @@ pub(super) struct OfModel {
     options: CompressArgs,
 }
 
+// Blocks prune at most once, and by the responses of one moment.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("schedule", of_one_prune), mut_arg("preset", of_one_moment))]
 pub(super) struct OfScene {
     /// Scene: a COLMAP, Blender, instant-ngp or nerfstudio folder
     scene: PathBuf,
@@ -51,6 +56,28 @@ pub(super) struct OfScene {
     choices: Choices,
     #[command(flatten)]
     training: Training,
+}
+
+/// `--size` of a plan.
+fn of_pictures(size: Arg) -> Arg {
+    let size = size.value_name("WxH").help_heading("Without photos");
+    size.help("Picture size of virtual cameras [default: 400x400]")
+}
+
+/// `--schedule` of a run in blocks.
+fn of_one_prune(schedule: Arg) -> Arg {
+    schedule.value_name("attrition|one-shot").hide_possible_values(true).help(
+        "When and how the model is pruned: by growing pressure on opacities from half the run on, with a cut to the number to keep at 3/4 of \
+         the run at the latest (attrition), or once, at half the run (one-shot) [default: attrition]",
+    )
+}
+
+/// `--preset` of a run in blocks.
+fn of_one_moment(preset: Arg) -> Arg {
+    preset.value_name("standard|quick|paper").hide_possible_values(true).help(
+        "Preset of the schedule: that of the 3DGS reference, 30,000 iterations (standard); a short one, 2,000 iterations (quick); or, with \
+         --no-prune, that of the QIRF paper, which also sets its effects (paper)",
+    )
 }
 
 /// Folder of a plan, and memory limit of its tasks.

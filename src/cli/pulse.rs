@@ -48,7 +48,7 @@ fn line((stage, done, total): (&str, u64, u64), rate: f64, message: &str) -> Str
         line += &format!("  {message}");
     }
     if rate > 0.0 {
-        line += &format!("  {rate:.1}/s (left {:.0} s)", (total - done) as f64 / rate);
+        line += &format!("  {rate:.1}/s ({:.0} s left)", (total - done) as f64 / rate);
     }
     line
 }
@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn a_line_says_where_a_stage_is() {
         let said = line(("training", 250, 1000), 12.5, "loss 0.0312  7 Gaussians");
-        assert_eq!(said, "training 250/1000  loss 0.0312  7 Gaussians  12.5/s (left 60 s)");
+        assert_eq!(said, "training 250/1000  loss 0.0312  7 Gaussians  12.5/s (60 s left)");
         assert_eq!(line(("photos", 0, 9), 0.0, ""), "photos 0/9");
     }
 }

@@ -1,6 +1,7 @@
 //! Remedies for errors. The floors below name causes and know no options; this file adds the advice.
 
 use super::inspect::is_run;
+use super::shard::VERIFY;
 use crate::gaussians::formats;
 use crate::job::{Error, Relief};
 use crate::scene::{OpenOptions, Scene};
@@ -57,12 +58,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Unfinished(checkpoint) => {
             Some(format!("add --resume to continue it, or delete {} to start from the beginning", checkpoint.display()))
         }
-        Error::Part { task, path, .. } if task == "plan" => {
-            Some(format!("restore {}, or plan again in a new folder", path.display()))
-        }
-        Error::Part { path, .. } => {
-            Some(format!("delete {} and run the job again: it repeats the missing tasks", path.display()))
-        }
+        Error::Part { path, task, .. } => Some(divided(path, task)),
         Error::Diagnostics { .. } => plain(
             "use it with the model before the prune: the input of `compress`, or the .ply that `run` wrote beside it",
         ),
@@ -79,6 +75,24 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
             plain("rename files and folders whose names are not UTF-8; if it happens again, please report it")
         }
         Error::Config { .. } | Error::Edit(_) | Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
+    }
+}
+
+/// Advice on a file of a divided job, which a task wrote or was to write, or on the job's folder.
+fn divided(path: &Path, task: &str) -> String {
+    if task == "plan" {
+        format!("restore {}, or plan again in a new folder", path.display())
+    } else if task == VERIFY {
+        "delete these files and those of all tasks that need them, directly or not (tasks.json), and run the job again: it repeats \
+         the missing tasks"
+            .to_owned()
+    } else if path.exists() {
+        format!("delete {} and run the job again: it repeats the missing tasks", path.display())
+    } else {
+        // The files of a stage's parts are in a folder of that stage.
+        let folder = path.ancestors().nth(if task.contains('/') { 2 } else { 1 }).unwrap_or(path);
+        let folder = quoted(folder);
+        format!("run `qirf-vk shard task {folder} {task}`, or `qirf-vk shard all {folder}`")
     }
 }
 
@@ -341,6 +355,15 @@ mod tests {
         assert!(remedy(&Error::Interrupted).is_none());
         assert!(smaller(Relief::Gaussians(7)).starts_with("give --max-gaussians 7, a smaller --resolution,"));
         assert!(!smaller(Relief::None).contains("--max-gaussians"));
+    }
+
+    #[test]
+    fn a_task_that_is_not_done_is_named_with_its_folder() {
+        let part = |path: &str, task: &str| Error::Part { path: path.into(), what: String::new(), task: task.into() };
+        says(part("a b/assign.json", "assign"), &["`qirf-vk shard task 'a b' assign`", "`qirf-vk shard all 'a b'`"]);
+        says(part("a/dense/0001.safetensors", "dense/0001"), &["`qirf-vk shard task a dense/0001`"]);
+        says(part("a", VERIFY), &["delete these files", "all tasks that need them"]);
+        says(part("a/plan.json", "plan"), &["restore a/plan.json"]);
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::pipeline::depth;
 use crate::pipeline::evaluate::pictures::Format;
 use crate::pipeline::film::film;
 use crate::pipeline::panorama::{self, Panorama};
-use crate::pipeline::place::{origin_of_cameras, place};
+use crate::pipeline::place::{origin_of_cameras, place_read};
 use crate::pipeline::prepare::refuse_photo_folders;
 use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, render, scene_shots};
 use crate::scene::camera::{self, Camera};
@@ -77,8 +77,8 @@ pub(super) struct Arguments {
     /// Photo folder, such as images_4, whose photos give the size [default: the scene's own]
     #[arg(long, value_name = "DIR", help_heading = "Cameras", requires = "scene", conflicts_with = "orbit")]
     images: Option<PathBuf>,
-    /// Picture size of an orbit, a path or a panorama, which is twice as wide as high [default: that of a camera path of nerfstudio,
-    /// else 1280x720; 2048x1024 for a panorama]
+    /// Picture size of an orbit, of a path (for --path capture use --resolution) or of a panorama, which is twice as wide as high
+    /// [default: that of a camera path of nerfstudio, else 1280x720; 2048x1024 for a panorama]
     #[arg(long, value_name = "WxH", help_heading = "Cameras", value_parser = values::size)]
     size: Option<(u32, u32)>,
     /// Vertical field of view of an orbit, or of a path whose cameras have none, in degrees [default: 40]
@@ -124,8 +124,10 @@ impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         self.check()?;
         let mut loaded = read_model(&self.model, console)?;
-        if let Some(scene) = &self.scene {
-            place(&mut loaded.gaussians, &mut loaded.origin, scene, self.images.as_deref())?;
+        if let Some(scene) = &self.scene
+            && let Some(doubt) = place_read(&mut loaded, scene, self.images.as_deref())?
+        {
+            console.warn(format_args!("{} {doubt}", self.model.display()));
         }
         let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
         let (model, origin) = (loaded.gaussians, loaded.origin);

@@ -77,7 +77,8 @@ pub(super) struct Arguments {
     /// that prune to a .ply beside it, for `qirf-vk view`
     #[arg(long, value_name = "FILE", conflicts_with = "no_prune", value_parser = diagnostics::file)]
     diagnostics: Option<PathBuf>,
-    /// Remove floaters at the end, before the scores and the report: Gaussians in empty space, or that the photos disagree with
+    /// Remove floaters at the end, before the scores and the report: Gaussians in empty space, and those that the photos disagree
+    /// with
     #[arg(long, conflicts_with = "config")]
     clean: bool,
     /// Also write model.sog, the file of at most this size, such as 5MB, with the highest PSNR against the photos. It is made
@@ -121,7 +122,7 @@ impl Arguments {
         if output.model().exists() && !output.config().exists() && !begins {
             let model = output.model();
             return Err(Error::Usage(format!(
-                "{} is of no run, and would be lost; name another folder",
+                "{} does not belong to a run and would be overwritten; name another folder",
                 model.display()
             )));
         }
@@ -152,7 +153,7 @@ impl Arguments {
         if !self.no_report {
             let title = self.output.file_name().unwrap_or_default().to_string_lossy();
             let drawn = style.over(record.protocol.background);
-            let viewer = || viewer::of_run(&session, &output.model(), &title, drawn);
+            let viewer = || viewer::of_run(&session, &output.model(), &title, drawn, &config.selection());
             let viewer = self.with_model.then(viewer).transpose()?;
             report::write(&record, &output, viewer.as_deref())?;
         }

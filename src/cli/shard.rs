@@ -23,6 +23,9 @@ const EXAMPLES: &str = "Examples:
 The model is big/model.ply. It does not depend on the number of processes that did the tasks, on their order, or on interruptions. \
 A compression gives the bytes that `qirf-vk compress` would have written.";
 
+/// In place of a task's name in the error of a verification.
+pub(super) const VERIFY: &str = "verify";
+
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
@@ -79,7 +82,7 @@ struct StatusArguments {
 struct VerifyArguments {
     #[command(flatten)]
     work: Work,
-    /// Share of the tasks to do again, above 0 and up to 1
+    /// Share of the tasks to repeat, above 0 and up to 1
     #[arg(long, value_name = "X", default_value_t = 0.1, value_parser = values::share)]
     share: f64,
     /// Random seed of the choice of tasks: another seed chooses others
@@ -123,7 +126,7 @@ impl Work {
     ) -> Result<(), Error> {
         let shard = Shard::open(&self.folder)?;
         let device = global.open_with(self.memory_budget)?;
-        shard.check_device(&selftest::fingerprint(&device)?, self.mixed)?;
+        let shard = shard.on_device(&selftest::fingerprint(&device)?, self.mixed)?;
         session(&device, self.memory_budget, console, |session| body(&shard, session))
     }
 }
@@ -163,16 +166,25 @@ impl VerifyArguments {
             let done: Vec<Task> = done.filter(|task| task.stage != Stage::Report).collect();
             let number = ((self.share * done.len() as f64).ceil() as usize).min(done.len());
             let order = random::permutation(done.len(), &[u64::from(self.seed)]);
-            let mut wrong = Vec::new();
+            let mut wrong: Vec<(Task, Vec<PathBuf>)> = Vec::new();
             for at in order.into_iter().take(number) {
-                console.note(format_args!("{} again", done[at]));
-                wrong.extend(shard.verify(session, done[at])?.into_iter().map(|path| (done[at], path)));
+                console.note(format_args!("repeating {}", done[at]));
+                let files = shard.verify(session, done[at])?;
+                if !files.is_empty() {
+                    wrong.push((done[at], files));
+                }
             }
-            if let Some((task, path)) = wrong.first() {
-                let what = format!("{} of {} gave other bytes, {task} first", wrong.len(), counted(number, "task"));
-                return Err(Error::Part { path: path.clone(), what, task: task.to_string() });
+            if let Some((task, files)) = wrong.first() {
+                let files: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
+                let (all, files) = (counted(number, "task"), files.join(", "));
+                let what = format!("{} of {all} gave other bytes, {task} first: {files}", wrong.len());
+                return Err(Error::Part { path: self.work.folder.clone(), what, task: VERIFY.to_owned() });
             }
-            console.print(format_args!("{} of {} done again: the same bytes", counted(number, "task"), done.len()))
+            console.print(format_args!(
+                "{} of {} repeated: the same bytes (report is not repeated: its file names the device)",
+                counted(number, "task"),
+                done.len()
+            ))
         })
     }
 }

@@ -49,6 +49,12 @@ impl<'a> Show<'a> {
     }
 }
 
+/// The loss, which is unknown before the first step, and the number of Gaussians.
+fn told(progress: &Progress) -> String {
+    let gaussians = counted(progress.gaussians, "Gaussian");
+    if progress.loss.is_finite() { format!("loss {:.4}  {gaussians}", progress.loss) } else { gaussians }
+}
+
 /// Steps of a stage: its name, those done, and their number.
 type Steps = (&'static str, u64, u64);
 
@@ -91,7 +97,7 @@ impl Watcher for Show<'_> {
         let (done, total) = (u64::from(progress.iteration), u64::from(until));
         let steps = ("training", done, total);
         let bar = self.bar.advance(steps, || self.console.training_bar(total));
-        let message = format!("loss {:.4}  {}", progress.loss, counted(progress.gaussians, "Gaussian"));
+        let message = told(progress);
         self.pulse.beat(self.console, steps, &message);
         bar.set_message(message);
     }
@@ -123,6 +129,12 @@ impl Watcher for Show<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_loss_is_told_once_it_is_known() {
+        let at = |loss| told(&Progress { iteration: 0, loss, gaussians: 5000 });
+        assert_eq!([at(f32::NAN), at(0.5)], ["5000 Gaussians", "loss 0.5000  5000 Gaussians"]);
+    }
 
     #[test]
     fn a_stage_that_begins_anew_gets_a_new_bar() {

@@ -74,14 +74,14 @@ impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let begun = Instant::now();
         let asked = if self.axis.is_empty() { Asked::light() } else { self.axis.clone() };
-        if let Some(twice) = (1..asked.len()).find(|i| asked[..*i].iter().any(|a| a.axis == asked[*i].axis)) {
-            return Err(Error::Usage(format!("--axis {} is there twice", asked[twice].axis.name())));
+        if let Some(twice) = (1..asked.len()).find(|i| asked[..*i].iter().any(|a| a.axis.name == asked[*i].axis.name)) {
+            return Err(Error::Usage(format!("--axis {} is given twice", asked[twice].axis.name)));
         }
         let scene = is_scene(&self.path);
         if let Some(heavy) = asked.iter().find(|a| a.axis.heavy() && !scene) {
             return Err(Error::Usage(format!(
                 "axis {} trains, but {} is not a scene: name a folder of photos with poses",
-                heavy.axis.name(),
+                heavy.axis.name,
                 self.path.display()
             )));
         }
@@ -107,7 +107,7 @@ impl Arguments {
             axes.extend(self.heavy(session, console, &asked)?);
             tell_of_missing(&networks, console);
         }
-        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis == axis.axis);
+        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis.name == axis.axis.name);
         axes.sort_by_key(place);
         let swept = SweepRecord {
             schema: 1,
@@ -179,11 +179,12 @@ impl Arguments {
     }
 
     fn report(&self, console: &Console, swept: &SweepRecord) -> Result<(), Error> {
-        for axis in &swept.axes {
-            console.print(format_args!("{}: {} ({})", axis.axis.name(), axis.accuracy, axis.time))?;
-            for r in &axis.rungs {
+        for record in &swept.axes {
+            let axis = record.axis;
+            console.print(format_args!("{}: {} ({})", axis.name, axis.accuracy, axis.time))?;
+            for r in &record.rungs {
                 let time = r.time.map_or_else(|| "-".to_owned(), |t| figure(t.median));
-                console.print(format_args!("  {:<22} {:>10} {:>10}  {}", r.name, axis.shown(r), time, r.mark()))?;
+                console.print(format_args!("  {:<22} {:>10} {:>10}  {}", r.name, record.shown(r), time, r.mark()))?;
             }
         }
         console.print(format_args!("report {}", self.output.join("sweep.html").display()))

@@ -38,7 +38,8 @@ pub(super) struct Arguments {
     /// Largest number of points in the capture [default: 6000; of dots 400]
     #[arg(long, value_name = "N", value_parser = values::whole::<usize>)]
     points: Option<usize>,
-    /// Also write depth/*.npy: the depth at the centre of each pixel, along the camera's axis, or along the ray in panoramas
+    /// Also write depth/*.npy: the depth at the centre of each pixel, along the camera's axis, or along the ray in panoramas and
+    /// wide fisheyes
     #[arg(long)]
     depth: bool,
     /// Effects that the scene needs, separated by commas [default: none]

@@ -37,7 +37,7 @@ pub(super) struct Training {
     /// Initial Gaussians: points (the scene's own, else random), random, or a model file
     #[arg(long, value_name = "points|random|MODEL", default_value = "points", help_heading = "Training")]
     init: String,
-    /// Number of random points [default: by picture size]
+    /// Number of random points, with --init random or where a scene has too few points [default: by picture size]
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..))]
     init_count: Option<u32>,
     /// Largest number of Gaussians

@@ -2,7 +2,7 @@
 
 use super::Global;
 use super::console::Console;
-use super::inspect::{is_run, is_scene, read_model};
+use super::inspect::{is_run, is_scene, read_model, unfinished};
 use super::interrupt::Watch;
 use super::style;
 use super::values;
@@ -13,7 +13,7 @@ use crate::job::diagnostics::Diagnostics;
 use crate::job::records::ViewScores;
 use crate::job::{Error, RunConfig, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
-use crate::pipeline::place::place_in;
+use crate::pipeline::place::{align, doubt, shift_to};
 use crate::render::Style;
 use crate::sample::evenly;
 use crate::scene::orbit::UP;
@@ -63,9 +63,9 @@ pub(super) struct Arguments {
     /// else 640]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution)]
     resolution: Option<Resize>,
-    /// Up axis if there are no photos: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: auto]
-    #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
-    up: Option<DVec3>,
+    /// Up axis: x, y, z, -x, -y, -z, or auto (up in the photos; without photos as in captures: -y) [default: auto]
+    #[arg(long, value_name = "AXIS", value_parser = up, allow_hyphen_values = true)]
+    up: Option<Up>,
     /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: the
     /// run's, else white for photos with alpha, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour)]
@@ -86,6 +86,14 @@ pub(super) struct Address {
     /// too, and the connection is not encrypted
     #[arg(long, value_name = "IP", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST), value_parser = address, help_heading = "Viewer")]
     host: IpAddr,
+}
+
+/// An up axis; none for `auto`.
+#[derive(Clone, Copy, Debug)]
+struct Up(Option<DVec3>);
+
+fn up(text: &str) -> Result<Up, String> {
+    values::up(text).map(|axis| Up((text != "auto").then_some(axis)))
 }
 
 /// An IP address, or this machine's own name for itself.
@@ -140,9 +148,9 @@ impl Watched {
     ) -> Result<T, Error> {
         let Some(subject) = subject else { return job(session) };
         let subject = Arc::new(subject);
-        self.address.warn(console);
         let device = session.device;
         let server = Server::start(&self.address.options(), Arc::clone(&subject), &device.info().name)?;
+        self.address.warn(console);
         // Printed even with --quiet: without the address nobody can look.
         console.error(server.url());
         let live = Live::new(session.watcher, &server, device, subject);
@@ -155,9 +163,9 @@ impl Arguments {
         let subject = Arc::new(self.subject(console)?);
         let device = global.open()?;
         let mut static_view = StaticView::new(&device, &subject)?;
-        self.address.warn(console);
         let watch = Watch::begin();
         let server = Server::start(&self.address.options(), Arc::clone(&subject), &device.info().name)?;
+        self.address.warn(console);
         console.print(server.url())?;
         console.note("Ctrl-C ends the viewer");
         let requests = server.requests();
@@ -198,7 +206,7 @@ impl Arguments {
         let mut models = vec![if run {
             self.model(&path.join("model.ply"), (style, capture.as_ref()), console)?
         } else if is_scene(path) {
-            points(capture.as_ref(), path)?
+            points(capture.as_ref(), path, console)
         } else {
             self.model(path, (style, capture.as_ref()), console)?
         }];
@@ -206,15 +214,20 @@ impl Arguments {
             models[0].facts = Some(Diagnostics::read(file, &models[0].gaussians)?);
         }
         if let Some(other) = &self.against {
-            models.push(self.model(other, (None, capture.as_ref()), console)?);
+            let mut other = self.model(other, (None, capture.as_ref()), console)?;
+            // A capture has placed both.
+            if capture.is_none() {
+                lay_upon(&mut other, &models[0]);
+            }
+            models.push(other);
         }
         let given = self.background.or(config.and_then(|c| c.background));
         let background =
             given.unwrap_or_else(|| capture.as_ref().map_or([0.0; 3], |c| c.alpha_role.usual_background()));
         let title = name(path);
-        let up = self.up.unwrap_or(UP);
-        let outline = capture.is_none().then(|| outline(&models[0].gaussians, up));
-        Ok(Subject { title, job: Job::Show, models, background, outline, capture })
+        let up = self.up.and_then(|up| up.0);
+        let outline = capture.is_none().then(|| outline(&models[0].gaussians, up.unwrap_or(UP)));
+        Ok(Subject { title, job: Job::Show, models, background, up, outline, capture })
     }
 
     fn model(
@@ -224,12 +237,20 @@ impl Arguments {
         console: &Console,
     ) -> Result<Model, Error> {
         let mut loaded = read_model(path, console)?;
-        if let Some(capture) = capture {
-            place_in(&mut loaded.gaussians, &mut loaded.origin, &capture.scene);
+        if let Some(doubt) = capture.and_then(|c| doubt(&loaded, &c.scene)) {
+            console.warn(format_args!("{} {doubt}", path.display()));
         }
+        let shift = capture.map_or(DVec3::ZERO, |c| shift_to(&loaded.gaussians, loaded.origin, &c.scene));
+        loaded.gaussians.shift(shift);
         let style = self.rendering.style(path, &loaded, run, console);
-        Ok(Model { name: name(path), gaussians: loaded.gaussians, style, facts: None })
+        let (gaussians, origin) = (loaded.gaussians, loaded.origin);
+        Ok(Model { name: name(path), gaussians, origin, shift, style, facts: None })
     }
+}
+
+/// Lets a model lie where another one of its world lies, as `eval --against` does.
+fn lay_upon(model: &mut Model, other: &Model) {
+    model.shift = align(&mut model.gaussians, [model.origin, other.origin], &other.gaussians);
 }
 
 /// PSNR of a run's held-out views by name, from its metrics.json; empty where there is none. The folder is only read: the run
@@ -255,7 +276,7 @@ pub(super) fn of_run(config: &RunConfig, output: &Path, console: &Console) -> Re
     capture.scene.use_usual_unit(); // as the run does
     let background = config.background.unwrap_or_else(|| capture.alpha_role.usual_background());
     let (title, models) = (name(output), Vec::new());
-    Ok(Subject { title, job: Job::Run, models, background, outline: None, capture: Some(capture) })
+    Ok(Subject { title, job: Job::Run, models, background, up: None, outline: None, capture: Some(capture) })
 }
 
 /// A compression whose fine-tuning is to be watched: what judges the model, and where that lies.
@@ -273,7 +294,7 @@ pub(super) fn of_compression(
         ViewSource::OwnPictures { cameras, background } => (*background, Some(outline(model, cameras.up)), None),
     };
     let (title, models) = (name(output), Vec::new());
-    Ok(Subject { title, job: Job::Compression, models, background, outline, capture })
+    Ok(Subject { title, job: Job::Compression, models, background, up: None, outline, capture })
 }
 
 /// A capture at the working size of the selection that it was trained with, or 640 pixels wide.
@@ -285,7 +306,7 @@ fn capture(
 ) -> Result<Capture, Error> {
     let run = trained.is_some();
     let selection = trained.unwrap_or_else(|| Selection::of(path.to_owned()));
-    let mut scene = Scene::open(path, &selection.open_options())?;
+    let mut scene = Scene::open(path, &selection.open_options()).map_err(|e| unfinished(path, e.into()))?;
     // As a run does before it holds photos out; a capture without any photo still has its cameras.
     if scene.has_photos() {
         scene.require_photos()?;
@@ -303,18 +324,19 @@ fn capture(
     Ok(Capture { scene, resize, split, alpha_role, psnr: HashMap::new() })
 }
 
-/// A capture's points as a model, for captures without one.
-fn points(capture: Option<&Capture>, path: &Path) -> Result<Model, Error> {
+/// A capture's points as a model, for captures without one; an empty model if it has no points.
+fn points(capture: Option<&Capture>, path: &Path, console: &Console) -> Model {
     let seeds: Vec<Seed> = capture.map_or_else(Vec::new, |c| c.scene.points.iter().map(Seed::from).collect());
     if seeds.is_empty() {
-        let path = path.display();
-        return Err(Error::Usage(format!(
-            "{path} has no points to show; train it with `qirf-vk run`, or name its model"
-        )));
+        console.warn(format_args!(
+            "{} has no points: only its cameras and photos are shown; train it with `qirf-vk run`, or name its model",
+            path.display()
+        ));
     }
-    let mut model = from_points(&seeds);
+    let mut gaussians = from_points(&seeds);
     // Visible dots in place of the faint blobs that training starts from.
-    model.opacity_logits.fill(4.0);
-    model.log_scales.iter_mut().flatten().for_each(|s| *s -= 1.5);
-    Ok(Model { name: "points".into(), gaussians: model, style: Style::default(), facts: None })
+    gaussians.opacity_logits.fill(4.0);
+    gaussians.log_scales.iter_mut().flatten().for_each(|s| *s -= 1.5);
+    let origin = capture.map_or([0.0; 3], |c| c.scene.origin.to_array());
+    Model { name: "points".into(), gaussians, origin, shift: DVec3::ZERO, style: Style::default(), facts: None }
 }

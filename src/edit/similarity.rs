@@ -107,15 +107,17 @@ impl Similarity {
         Ok(Self { rotation: orthonormal(rough), scale, translation })
     }
 
-    /// The similarity of a text with the numbers of [`Similarity::of_matrix`], plain or as JSON.
+    /// The similarity of a text with the numbers of [`Similarity::of_matrix`], plain or as a JSON list; `#` begins a comment.
     ///
     /// # Errors
     /// [`Error::Numbers`] names a word that is not a number.
     pub fn of_text(text: &str) -> Result<Self, Error> {
-        let words = text.split(|c: char| c.is_whitespace() || "[],;".contains(c)).filter(|word| !word.is_empty());
+        let lines = text.lines().map(|line| line.split('#').next().unwrap_or_default());
+        let words = lines.flat_map(|line| line.split(|c: char| c.is_whitespace() || "[],;".contains(c)));
+        let words = words.filter(|word| !word.is_empty());
+        let forms = "write 3 or 4 rows of 4 numbers, as plain text (# begins a comment) or as a JSON list of rows";
         let number = |word: &str| {
-            let what =
-                || Error::Numbers(format!("'{}' is not a number; write 3 or 4 rows of 4 numbers", shown(word, 20)));
+            let what = || Error::Numbers(format!("'{}' is not a number; {forms}", shown(word, 20)));
             word.parse().map_err(|_| what())
         };
         Self::of_matrix(&words.map(number).collect::<Result<Vec<f64>, _>>()?)
@@ -213,7 +215,12 @@ mod tests {
         }
         let text = "[[0, -1, 0, 1],\n[1 0;0,2e0],[0,0,1,-3]]";
         assert_eq!(Similarity::of_text(text).unwrap().point(DVec3::X), DVec3::new(1.0, 3.0, -3.0));
-        assert!(Similarity::of_text("1 2 three").unwrap_err().to_string().contains("'three'"));
+        let commented = "# from a scan\n0 -1 0 1\n1 0 0 2 # second\n\n 0 0 1 -3\n";
+        assert_eq!(Similarity::of_text(commented), Similarity::of_text(text));
+        for (text, word) in [("1 2 three", "'three'"), ("{\"matrix\": [[1, 0]]}", "'{")] {
+            let said = Similarity::of_text(text).unwrap_err().to_string();
+            assert!(said.contains(word) && said.contains("a JSON list of rows"), "{said}");
+        }
         assert!(Similarity::scaling(0.0).is_err() && Similarity::scaling(f64::INFINITY).is_err());
         assert!(Similarity::quaternion([0.0; 4]).is_err() && Similarity::turn(DVec3::ZERO, 5.0).is_err());
     }

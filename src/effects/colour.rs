@@ -220,8 +220,8 @@ pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) 
     let explained = |l: usize| 100.0 * (1.0 - errors[l] / errors[0].max(f64::MIN_POSITIVE));
     let list: Vec<_> = (1..=most).map(|l| format!("{l}: {:.1} %", explained(l))).collect();
     let evidence = format!(
-        "colours of smooth points differ by {:.2} % between photos (median of {}); held-back error of {} points falls by \
-         SH degree, {}",
+        "colours of smooth points differ by {:.2} % between photos (median of {}); on photos left out of the fit, the error \
+         of {} points falls with the SH degree ({})",
         100.0 * deviation,
         order.len(),
         long.len(),

@@ -1,11 +1,12 @@
 //! The effects by name, with their triggers.
 
-use crate::wording::named;
-use serde::{Deserialize, Serialize};
+use crate::wording::{named, unknown};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 
 named! {
     /// A part of image formation or training that not every scene needs.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
     #[serde(rename_all = "snake_case")]
     pub enum Effect {
         /// Colour depends on the direction of view: SH bands 1 to 3.
@@ -52,6 +53,15 @@ impl Effect {
         Self::ALL.into_iter().filter(|effect| effect.trigger() != Trigger::Always)
     }
 
+    /// The effect of this name.
+    ///
+    /// # Errors
+    /// A sentence that names the effects that can be switched.
+    pub fn named(name: &str) -> Result<Self, String> {
+        let effect = Self::ALL.into_iter().find(|effect| effect.name() == name);
+        effect.ok_or_else(|| unknown(name, "an effect", Self::settable().map(Self::name)))
+    }
+
     /// Condition that switches the effect on unless the user decides.
     pub const fn trigger(self) -> Trigger {
         match self {
@@ -75,5 +85,11 @@ impl Effect {
             Self::DepthOrder => Some("depth order"),
             Self::ViewDependence | Self::Distortion | Self::Transparency | Self::Cameras => None,
         }
+    }
+}
+
+impl<'de> Deserialize<'de> for Effect {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::named(&String::deserialize(deserializer)?).map_err(D::Error::custom)
     }
 }

@@ -15,7 +15,8 @@ use std::collections::{BTreeSet, HashSet};
 pub const FOOTPRINTS: f64 = 1.5;
 /// Median error of points, in pixels of the pictures trained on, above which cameras are corrected.
 pub const MISPLACED: f64 = 1.0;
-/// Median deviation of points from depth maps, as a share of their depth, up to which the maps are trained on.
+/// Median deviation of points from depth maps, as a share of their depth, up to which the maps are trained on, and points
+/// are taken from them.
 pub const DEPTHS_AGREE: f64 = 0.1;
 /// Number of points whose footprints are compared.
 const POINTS: usize = 4000;
@@ -59,6 +60,7 @@ pub fn depth(set: &TrainingSet<'_>) -> Decision {
     let DepthEvidence { maps, by, deviation } = set.depths;
     let counted = counted(maps, "depth map");
     let (on, evidence) = match (maps, deviation) {
+        (0, _) if set.views().any(|view| view.depth.is_some()) => (false, "no depth map can be used".to_owned()),
         (0, _) => (false, "no photo has a depth map".to_owned()),
         (_, None) => (false, format!("{counted}, but too little in common to tell whether they are right")),
         (_, Some(share)) => (

@@ -31,8 +31,7 @@ impl Overrides {
     pub fn parse(text: &str) -> Result<(Effect, Choice), String> {
         let (name, value) = text.split_once('=').map_or((text, None), |(name, value)| (name, Some(value)));
         let name = name.trim();
-        let effect = Effect::ALL.into_iter().find(|e| e.name() == name);
-        let effect = effect.ok_or_else(|| unknown(name, "an effect", Effect::settable().map(Effect::name)))?;
+        let effect = Effect::named(name)?;
         let value = value.ok_or_else(|| format!("write {name}=on, {name}=off or {name}=auto"))?.trim();
         let choice = Choice::ALL.into_iter().find(|c| c.name() == value);
         let choice = choice.ok_or_else(|| unknown(value, "a choice", Choice::ALL.map(Choice::name)))?;

@@ -41,6 +41,11 @@ impl Attributes<usize> {
         Self::widths_of_bands(degree + 1)
     }
 
+    /// Numbers per Gaussian of the widest attribute in a model of this SH degree.
+    pub fn widest(degree: usize) -> usize {
+        Self::widths(degree).into_array().into_iter().fold(0, usize::max)
+    }
+
     /// [`Attributes::widths`] by the number of SH bands.
     pub(super) fn widths_of_bands(bands: usize) -> Self {
         let sh = std::array::from_fn(|l| if l < bands { Gaussians::band_width(l) } else { 0 });

@@ -144,7 +144,7 @@ pub enum Error {
     #[error("{} is not an output folder of `qirf-vk pose`", .0.display())]
     NotOurs(PathBuf),
     /// The user pressed Ctrl-C.
-    #[error("interrupted; what was finished is kept")]
+    #[error("interrupted")]
     Interrupted,
 }
 

@@ -1,4 +1,4 @@
-//! The exit code of each error: the table of README.md.
+//! The exit code of each error: the table of docs/tour.md.
 
 use crate::job::Error;
 use crate::{edit, gaussians, gpu, scene, synth, train};

@@ -62,6 +62,12 @@ pub trait Watcher {
         false
     }
 
+    /// Tells the progress of work that has nothing to save, and ends it, if the watcher wants it to stop.
+    fn step(&self, stage: Stage, done: usize, total: usize) -> Result<(), Error> {
+        self.progress(stage, done, total);
+        self.unless_stopped()
+    }
+
     /// Ends work that has nothing to save, if the watcher wants it to stop.
     fn unless_stopped(&self) -> Result<(), Error> {
         if self.stop() { Err(Error::Interrupted) } else { Ok(()) }

@@ -1,6 +1,7 @@
-//! The laboratory: comparison of pruning methods, measurement of the engine, and training methods of other papers. No
-//! product command depends on it.
+//! The laboratory: comparison of pruning methods, measurement of the engine, curves of quality against bytes, and training
+//! methods of other papers. No product command depends on it.
 
 pub mod compare;
+pub mod curve;
 pub mod methods;
 pub mod sweep;

@@ -12,14 +12,12 @@ use super::start::{Start, initialise};
 use crate::edit::are_many_floaters;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::job::config::{ResponseSource, RunConfig};
-use crate::job::output::Output;
+use crate::job::config::ResponseSource;
 use crate::job::records::{
     AttritionRecord, Counts, CurvePoint, FloaterCounts, Guards, Protocol, PruneRecord, RunRecord, Times,
 };
 use crate::job::run_log::{LogLine, LoggedRates, RunLog};
-use crate::job::session::Session;
-use crate::job::{Error, Silent, Stage};
+use crate::job::{Error, Output, RunConfig, Session, Silent, Stage};
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::sample::evenly;
@@ -260,6 +258,9 @@ impl<'a> ActiveRun<'a> {
             pruned.dense(),
             pruned.seconds.total
         ));
+        if let Some(note) = pruning.compression.detail_note(keep, pruned.before) {
+            session.watcher.note(&note);
+        }
         self.notes.seconds += pruned.seconds.total;
         self.notes.prunes.push(pruned);
         Ok(())

@@ -10,9 +10,8 @@ use crate::effects::Effect;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, staging_bytes};
-use crate::job::config::{Init, PruneRule, RunConfig};
-use crate::job::session::Session;
-use crate::job::{Error, Relief, host_memory};
+use crate::job::config::PruneRule;
+use crate::job::{Error, Init, Relief, RunConfig, Session, host_memory};
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::study;
 use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};
@@ -230,6 +229,8 @@ pub struct CompressNeeds {
     pub photos: Vec<u64>,
     /// True if the photos have masks.
     pub masked: bool,
+    /// True if each photo has an exposure of its own.
+    pub exposure: bool,
     /// The data that the pass over the views gathers.
     pub wanted: Wanted,
     /// Solver of the blocks.
@@ -253,7 +254,7 @@ impl CompressNeeds {
 /// # Errors
 /// The errors of [`for_run`]: blocks that are solved, and Gaussians that are fine-tuned, must be on the device at once.
 pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) -> Result<Place, Error> {
-    let CompressNeeds { size, own_pictures, photos, masked, wanted, solver, style, trained } = needs;
+    let CompressNeeds { size, own_pictures, photos, masked, exposure, wanted, solver, style, trained } = needs;
     let (gaussians, degree) = (model.len(), model.degree());
     let staged = |bytes: u64| bytes + staging_bytes(bytes);
     let resident = staged(Resident::bytes(gaussians, degree));
@@ -262,7 +263,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     let passes = if own_pictures {
         virtual_views::bytes(device, gaussians, size, pairs, style, wanted)
     } else {
-        let photos = PhotoNeeds { size, bytes: &photos, masked };
+        let photos = PhotoNeeds { size, bytes: &photos, masked, exposure };
         responses_bytes(device, gaussians, pairs, photos, (style, wanted))
     };
     let solves = wanted.channels;

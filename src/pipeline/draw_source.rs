@@ -3,8 +3,7 @@
 use super::budget;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::job::Error;
-use crate::job::session::Session;
+use crate::job::{Error, Session};
 use crate::render::{Source, Style};
 
 /// A model, and its copy on the device if that holds it.

@@ -1,13 +1,12 @@
 //! Effects that a scene calls for, decided on a run's training photos, and their consequences for the run.
 
-use super::depth_maps;
 use super::prepare::Prepared;
+use crate::depth_maps;
 use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
-use crate::job::Error;
-use crate::job::config::RunConfig;
 use crate::job::records::{CameraErrors, Trial};
+use crate::job::{Error, RunConfig};
 use crate::render::Style;
 use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, Skipped, View, load_photos, median};
 use crate::train::{self, schedule::Schedule};
@@ -78,10 +77,10 @@ pub fn of_model(model: &Gaussians) -> Decision {
     let evidence = match stored {
         0 => "the file has no band above 0".to_owned(),
         _ if degree < stored => format!(
-            "bands 1 to {stored} turn colours by {} of 255 at most: pictures are drawn with degree {degree}, the file keeps all",
+            "bands 1 to {stored} change colours by at most {} of 255: pictures are drawn with degree {degree}, the file keeps all",
             bands.join(", ")
         ),
-        _ => format!("bands 1 to {stored} turn colours by {} of 255 at most", bands.join(", ")),
+        _ => format!("bands 1 to {stored} change colours by at most {} of 255", bands.join(", ")),
     };
     Decision::of_degree(degree, evidence)
 }

@@ -6,11 +6,8 @@ use super::evaluate::{Assessment, Evaluator, HeldOut, camera_errors, protocol};
 use super::prepare::{Prepared, open, refuse_photo_folders};
 use super::virtual_views::{ALL, OwnPictures, VirtualCameras};
 use crate::gaussians::Gaussians;
-use crate::job::config::Selection;
-use crate::job::output::Output;
 use crate::job::records::{RunRecord, Times};
-use crate::job::session::Session;
-use crate::job::{Error, Stage};
+use crate::job::{Error, Output, Selection, Session, Stage};
 use crate::render::{Settings, Source, Style};
 use crate::scene::camera;
 use std::path::Path;
@@ -109,10 +106,7 @@ fn assess(
     let settings = prepared.settings(evaluation.style);
     let mut evaluator = Evaluator::of(device, settings, model, prepared.views())?;
     evaluator.compare_as(evaluation.exposure);
-    let mut follow = |done: usize| {
-        watcher.progress(Stage::Scores, done, prepared.test.len());
-        watcher.unless_stopped()
-    };
+    let mut follow = |done: usize| watcher.step(Stage::Scores, done, prepared.test.len());
     let mut assessment = evaluator.assess(model, prepared, renders, networks, &mut follow)?;
     assessment.train_psnr = evaluator.psnr(model, prepared.train.iter())?;
     Ok((assessment, evaluator))
@@ -126,19 +120,17 @@ pub fn against(
     background: [f32; 3],
 ) -> Result<HeldOut, Error> {
     let Session { device, networks, watcher, .. } = *session;
-    let (cameras, settings) = VirtualCameras::default().views(original, background, original_style);
-    let size = camera::largest(&cameras);
+    let views = VirtualCameras::default().views(original, background, original_style);
+    let (size, near) = (camera::largest(&views.around), views.settings.near);
     let test = {
         let original = DrawSource::for_pictures(session, original, size, original_style)?;
-        OwnPictures::draw(session, original.source(), cameras, settings, false, ALL)?.test
+        OwnPictures::draw(session, original.source(), views, false, ALL)?.test
     };
     let shown = DrawSource::for_pictures(session, model, size, style)?;
-    let settings = Settings { near: settings.near, ..style.over(background) };
+    let settings = Settings { near, ..style.over(background) };
     let mut evaluator = Evaluator::of(device, settings, shown.source(), test.iter().map(|(_, view)| view))?;
-    let held_out = evaluator.held_out(shown.source(), &test, None, networks, &mut |done| {
-        watcher.progress(Stage::Scores, done, test.len());
-        watcher.unless_stopped()
-    })?;
+    let held_out = evaluator
+        .held_out(shown.source(), &test, None, networks, &mut |done| watcher.step(Stage::Scores, done, test.len()))?;
     held_out.warn(watcher);
     Ok(held_out)
 }

@@ -3,8 +3,7 @@
 use super::prune::{PruneRequest, plan};
 use crate::gaussians::Gaussians;
 use crate::gpu::{Compiled, Device};
-use crate::job::Error;
-use crate::job::config::Preset;
+use crate::job::{Error, Preset};
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Keep;

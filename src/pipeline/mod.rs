@@ -5,7 +5,6 @@ pub mod budget;
 pub mod checkpoint;
 pub mod compress;
 pub mod depth;
-pub mod depth_maps;
 mod draw_source;
 pub mod effects;
 pub mod eval;

@@ -4,8 +4,7 @@ use super::draw_source::DrawSource;
 use super::evaluate::pictures;
 use super::render::{RenderConfig, RenderTimes};
 use crate::gaussians::Gaussians;
-use crate::job::session::Session;
-use crate::job::{Error, Stage};
+use crate::job::{Error, Session, Stage};
 use crate::render::{Image, Painter};
 use crate::scene::camera::Camera;
 use glam::{DVec2, DVec3};
@@ -112,8 +111,7 @@ pub fn draw(
     let begun = Instant::now();
     let mut pictures = Vec::with_capacity(faces.len());
     for (done, face) in faces.iter().enumerate() {
-        session.watcher.progress(Stage::Rendering, done, faces.len());
-        session.watcher.unless_stopped()?;
+        session.watcher.step(Stage::Rendering, done, faces.len())?;
         pictures.push(painter.render(shown.source(), face)?);
     }
     let draw_s = begun.elapsed().as_secs_f64();

@@ -2,6 +2,7 @@
 
 use crate::edit::Region;
 use crate::gaussians::Gaussians;
+use crate::gaussians::formats::{Format, Loaded};
 use crate::job::Error;
 use crate::scene::{OpenOptions, Resize, Scene, origin};
 use glam::DVec3;
@@ -9,12 +10,35 @@ use std::path::Path;
 
 /// Moves the means of a model from the local origin `from` to a scene's.
 pub fn place(model: &mut Gaussians, from: &mut [f64; 3], scene: &Path, images: Option<&Path>) -> Result<(), Error> {
-    let near = *from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO;
-    if !near {
-        let options = OpenOptions { images: images.map(Path::to_owned), ..OpenOptions::default() };
-        place_in(model, from, &Scene::open(scene, &options)?);
+    if !is_near(model, *from) {
+        place_in(model, from, &open(scene, images)?);
     }
     Ok(())
+}
+
+/// Variant of [`place`] for a model that was read; returns the [`doubt`].
+pub fn place_read(loaded: &mut Loaded, scene: &Path, images: Option<&Path>) -> Result<Option<&'static str>, Error> {
+    if is_near(&loaded.gaussians, loaded.origin) && records_origins(loaded.format) {
+        return Ok(None);
+    }
+    let scene = open(scene, images)?;
+    let doubt = doubt(loaded, &scene);
+    place_in(&mut loaded.gaussians, &mut loaded.origin, &scene);
+    Ok(doubt)
+}
+
+fn open(scene: &Path, images: Option<&Path>) -> Result<Scene, Error> {
+    Ok(Scene::open(scene, &OpenOptions { images: images.map(Path::to_owned), ..OpenOptions::default() })?)
+}
+
+/// True for a model without a local origin that lies near the world's: it lies as near to any scene's.
+fn is_near(model: &Gaussians, from: [f64; 3]) -> bool {
+    from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO
+}
+
+/// True for formats that record a model's local origin themselves; the others need a georeference.json beside the file.
+fn records_origins(format: Format) -> bool {
+    !matches!(format, Format::Spz | Format::Sog | Format::Splat | Format::Ksplat)
 }
 
 /// Variant of [`place`] for an open scene. A model without a recorded origin is assumed to use the world's if that
@@ -32,6 +56,19 @@ pub fn shift_to(model: &Gaussians, from: [f64; 3], scene: &Scene) -> DVec3 {
     let (own, mean) = (DVec3::from(from), mean(model));
     let in_world = own != DVec3::ZERO || mean.distance(scene.origin) < mean.length();
     if in_world { own - scene.origin } else { DVec3::ZERO }
+}
+
+/// A warning, as a predicate, about a model whose georeference.json may be lost: it is taken to have the scene's local origin, which is
+/// another than the world's.
+pub fn doubt(loaded: &Loaded, scene: &Scene) -> Option<&'static str> {
+    let Loaded { gaussians, origin, format, .. } = loaded;
+    let is_guess = *origin == [0.0; 3]
+        && !records_origins(*format)
+        && scene.origin != DVec3::ZERO
+        && shift_to(gaussians, *origin, scene) == DVec3::ZERO;
+    let warning =
+        "records no local origin, so it is taken to be the capture's; if georeference.json was beside it, put it there";
+    is_guess.then_some(warning)
 }
 
 /// The positions, in the coordinates of a model with the local origin `from`, that at least `least` of a scene's cameras show.
@@ -58,12 +95,15 @@ pub fn origin_of_cameras(centre: DVec3, origin: [f64; 3]) -> DVec3 {
 }
 
 /// Lets two models of one world, each with its local origin, lie as near to each other as their origins allow: a model without a record of
-/// its origin may have world coordinates or local ones.
-pub fn align(model: &mut Gaussians, [from, to]: [[f64; 3]; 2], original: &Gaussians) {
+/// its origin may have world coordinates or local ones. Returns the shift of the model.
+pub fn align(model: &mut Gaussians, [from, to]: [[f64; 3]; 2], original: &Gaussians) -> DVec3 {
     let shift = DVec3::from(from) - DVec3::from(to);
     let apart = mean(original) - mean(model);
     if apart.distance(shift) < apart.length() {
         model.shift(shift);
+        shift
+    } else {
+        DVec3::ZERO
     }
 }
 

@@ -1,13 +1,11 @@
 //! From a scene on disk to views in memory.
 
-use super::depth_maps::{self, DepthMaps};
+use crate::depth_maps::{self, DepthMaps};
 use crate::effects::DepthEvidence;
 use crate::extension::folder_of;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode, crc32};
-use crate::job::Error;
-use crate::job::config::Selection;
-use crate::job::watcher::{Stage, Watcher};
+use crate::job::{Error, Selection, Stage, Watcher};
 use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, LoadOptions, Photo, PhotoMemory, Resize, Scene, View};

@@ -6,8 +6,7 @@ use super::evaluate::pictures::{self, Format};
 use super::prepare::refuse_photo_folders;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
-use crate::job::session::Session;
-use crate::job::{Error, Stage};
+use crate::job::{Error, Session, Stage};
 use crate::render::{Image, Painter, Settings};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Framing, Look};
@@ -123,8 +122,7 @@ pub fn render(
     let begun = Instant::now();
     let (mut draw_s, mut empty) = (0.0, 0_usize);
     for (done, shot) in shots.iter().enumerate() {
-        session.watcher.progress(Stage::Rendering, done, shots.len());
-        session.watcher.unless_stopped()?;
+        session.watcher.step(Stage::Rendering, done, shots.len())?;
         let started = Instant::now();
         let image = painter.render(shown.source(), &shot.camera)?;
         draw_s += started.elapsed().as_secs_f64();

@@ -3,11 +3,8 @@
 use super::active_run::ActiveRun;
 use super::setup::{Setup, tuned};
 use crate::gaussians::formats;
-use crate::job::Error;
-use crate::job::config::{Init, RunConfig};
-use crate::job::output::Output;
 use crate::job::records::RunRecord;
-use crate::job::session::Session;
+use crate::job::{Error, Init, Output, RunConfig, Session};
 
 /// Trains, prunes if configured, evaluates and writes a run. With `resume` it continues from the folder's checkpoint,
 /// if there is one, and gives the same bytes as an uninterrupted run. The checkpoint stays: once all that is made from the

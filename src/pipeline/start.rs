@@ -1,13 +1,13 @@
 //! The initial Gaussians of training.
 
 use super::checkpoint::Checkpoint;
-use super::place::place_in;
+use super::place::{doubt, place_in};
 use super::prepare::Prepared;
 use crate::gaussians::{Gaussians, formats};
-use crate::job::Error;
-use crate::job::config::{Init, RunConfig};
+use crate::job::{Error, Init, RunConfig};
 use crate::scene::{FEWEST_POINTS, Scene, SceneKind};
 use crate::train::initialise::{self, Seed};
+use crate::wording::counted;
 
 /// Number of random points per pixel of a picture, and its bounds.
 const POINTS_PER_PIXEL: f64 = 0.3;
@@ -28,15 +28,25 @@ pub enum Start {
 impl Start {
     /// The initial state that the configuration selects for a scene and training pictures of at most `pixels` pixels. A model is moved to
     /// the scene's coordinates; too few points are replaced by random ones.
+    ///
+    /// # Errors
+    /// A model that cannot be read; [`Error::Usage`] for a number of random points in a run that begins with others.
     pub fn of(config: &RunConfig, scene: &Scene, pixels: u64) -> Result<Self, Error> {
         let points = scene.points.len();
         Ok(match &config.init {
             Init::Model(path) => {
+                refuse_count(config, || format!("the model {}", path.display()))?;
                 let mut loaded = formats::read(path)?;
+                if let Some(doubt) = doubt(&loaded, scene) {
+                    tracing::warn!("{} {doubt}", path.display());
+                }
                 place_in(&mut loaded.gaussians, &mut loaded.origin, scene);
                 Self::Model(loaded.gaussians)
             }
-            Init::Points if points >= FEWEST_POINTS => Self::Points(points),
+            Init::Points if points >= FEWEST_POINTS => {
+                refuse_count(config, || format!("the {} of {}", counted(points, "point"), config.scene.display()))?;
+                Self::Points(points)
+            }
             Init::Points | Init::Random => {
                 let count = (pixels as f64 * POINTS_PER_PIXEL) as usize;
                 let count = config.init_count.unwrap_or(count.clamp(POINTS.0, POINTS.1));
@@ -68,6 +78,18 @@ impl Start {
             Self::Points(_) | Self::Random(_) => 0,
         }
     }
+}
+
+/// Refuses a number of random points in a run that begins with something else.
+fn refuse_count(config: &RunConfig, first: impl FnOnce() -> String) -> Result<(), Error> {
+    if config.init_count.is_none() {
+        return Ok(());
+    }
+    Err(Error::Usage(format!(
+        "--init-count (init_count in a configuration) is a number of random points, but this run begins with {}: add --init random, or \
+         leave the number out",
+        first()
+    )))
 }
 
 /// The initial Gaussians of training.

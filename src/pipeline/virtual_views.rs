@@ -3,18 +3,20 @@
 use super::evaluate::pictures::byte;
 use super::evaluate::rgb;
 use super::pair_capacity;
-use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
+use crate::gaussians::{Gaussians, opacity};
 use crate::gpu::{Buffer, Device, Recording};
-use crate::job::session::Session;
-use crate::job::{Error, Stage};
+use crate::job::{Error, Session, Stage};
+use crate::kernels::constants::blending::float64::ALPHA_MIN;
 use crate::render::{Image, Painter, Renderer, Settings, Source, Style, Uses};
 use crate::response::{self, HighPass, Responses, Views, Wanted, full_pass};
 use crate::scene::camera::{self, Camera};
-use crate::scene::orbit::Look;
+use crate::scene::orbit::{Look, Outline};
 use crate::scene::{Photo, Pixels, near_at};
 use glam::DVec3;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
 use std::ops::{Range, RangeInclusive};
 
 /// Elevations of the cameras above the horizon, in radians: captures look level or down, seldom from below.
@@ -25,6 +27,12 @@ const FIELD_OF_VIEW: f64 = 0.7;
 const TURN: f64 = 0.381_966_011_250_105;
 /// Every eighth view is held out, as of photos.
 const HOLD_OUT: usize = 8;
+/// Share of the visible Gaussians that no training view frames, above which further views look outwards.
+const UNFRAMED: f64 = 0.01;
+/// Number of these views: along both directions of three axes.
+pub const OUTWARD: usize = 6;
+/// Their field of view in radians: wider than the faces of a cube, since the cameras stand apart.
+const OUTWARD_FIELD: f64 = 110.0 * PI / 180.0;
 
 /// All views held out.
 pub const ALL: Range<usize> = 0..usize::MAX;
@@ -53,18 +61,41 @@ impl VirtualCameras {
         (self.views as usize).div_ceil(HOLD_OUT)
     }
 
-    /// Cameras all around the model, and the settings of rendering in a style over a background of red, green and blue.
-    pub fn views(&self, model: &Gaussians, background: [f32; 3], style: Style) -> (Vec<Camera>, Settings) {
-        let (cameras, nearest) = self.cameras(model);
+    /// Views of the model, rendered in a style over a background of red, green and blue.
+    pub fn views(&self, model: &Gaussians, background: [f32; 3], style: Style) -> VirtualViews {
+        let outline = outline(model, self.up);
+        let (around, nearest) = self.around(&outline);
+        let trained: Vec<&Camera> =
+            (0..).zip(&around).filter(|(i, _)| !is_held_out(*i)).map(|(_, camera)| camera).collect();
+        let visible = |i: &usize| opacity(model.opacity_logits[*i]) >= ALPHA_MIN;
+        let framed = |i: usize| {
+            let mean = DVec3::from_array(model.means[i].map(f64::from));
+            trained.iter().any(|camera| camera.shows(mean))
+        };
+        let count = |i: usize| [1, usize::from(!framed(i))];
+        let sums = |a: [usize; 2], b: [usize; 2]| [a[0] + b[0], a[1] + b[1]];
+        let [all, unframed] = (0..model.len()).into_par_iter().filter(visible).map(count).reduce(|| [0; 2], sums);
+        let outward =
+            if unframed as f64 > UNFRAMED * all as f64 { self.outward(&outline, nearest) } else { Vec::new() };
         let settings = style.over(background);
         // A model in small units must not lie in front of the near plane.
-        (cameras, Settings { near: near_at(settings.near, nearest), ..settings })
+        VirtualViews { around, outward, settings: Settings { near: near_at(settings.near, nearest), ..settings } }
+    }
+
+    /// Cameras that look away from the model's centre, from this distance: together they see all that is beyond ten times as far.
+    fn outward(&self, outline: &Outline, distance: f64) -> Vec<Camera> {
+        let side = self.size.0.min(self.size.1);
+        let axes = [self.up, self.up.any_orthonormal_vector(), self.up.cross(self.up.any_orthonormal_vector())];
+        let camera = |direction: DVec3, up: DVec3| {
+            let eye = outline.centre + distance * direction;
+            Camera::look_at(eye, eye + distance * direction, up, OUTWARD_FIELD, side, side)
+        };
+        (0..3).flat_map(|k| [1.0, -1.0].map(|sign| camera(sign * axes[k], axes[(k + 1) % 3]))).collect()
     }
 
     /// Cameras spread evenly over a band of a sphere around the model, each near enough to fill its picture; and the
     /// least distance of a camera from the model's centre.
-    fn cameras(&self, model: &Gaussians) -> (Vec<Camera>, f64) {
-        let outline = outline(model, self.up);
+    fn around(&self, outline: &Outline) -> (Vec<Camera>, f64) {
         let mut nearest = f64::INFINITY;
         let (low, high) = (ELEVATIONS.start().sin(), ELEVATIONS.end().sin());
         let cameras = (0..self.views)
@@ -82,7 +113,22 @@ impl VirtualCameras {
     }
 }
 
-/// A model's own pictures from all around it.
+/// True for the view around a model with this number if it is held out.
+fn is_held_out(view: usize) -> bool {
+    view.is_multiple_of(HOLD_OUT)
+}
+
+/// Views of a model.
+pub struct VirtualViews {
+    /// Cameras all around it that look at it; every eighth is held out.
+    pub around: Vec<Camera>,
+    /// Cameras that look away from it, for training: six where those around it do not frame all of it, such as a sky; else none.
+    pub outward: Vec<Camera>,
+    /// Settings of their pictures.
+    pub settings: Settings,
+}
+
+/// A model's own pictures.
 pub struct OwnPictures {
     /// Training views; without pixels unless those were requested.
     pub train: Vec<Photo>,
@@ -91,20 +137,20 @@ pub struct OwnPictures {
 }
 
 impl OwnPictures {
-    /// Draws the pictures, of the views held out those with these numbers; cameras and settings are those of
-    /// [`VirtualCameras::views`].
+    /// Draws the pictures, of the views held out those with these numbers.
     pub fn draw(
         session: &Session<'_>,
         model: Source<'_>,
-        cameras: Vec<Camera>,
-        settings: Settings,
+        views: VirtualViews,
         with_train_pixels: bool,
         held_out: Range<usize>,
     ) -> Result<Self, Error> {
-        let mut painter = Painter::of(session.device, settings, model, camera::largest(&cameras))?;
+        let VirtualViews { around, outward, settings } = views;
+        let mut painter = Painter::of(session.device, settings, model, camera::largest(&around))?;
         let (mut train, mut test) = (Vec::new(), Vec::new());
-        for (i, camera) in cameras.into_iter().enumerate() {
-            let test_view = i.is_multiple_of(HOLD_OUT);
+        let number = around.len();
+        for (i, camera) in around.into_iter().chain(outward).enumerate() {
+            let test_view = i < number && is_held_out(i);
             if test_view && !held_out.contains(&(i / HOLD_OUT)) {
                 continue;
             }
@@ -142,10 +188,7 @@ pub fn responses<'m>(
 ) -> Result<Responses, Error> {
     let Session { device, watcher, .. } = *session;
     let model = model.into();
-    let follow = |done: usize| {
-        watcher.progress(Stage::Responses, done, cameras.len());
-        watcher.unless_stopped()
-    };
+    let follow = |done: usize| watcher.step(Stage::Responses, done, cameras.len());
     let wanted = Wanted { residual: false, ..wanted };
     let size = camera::largest(cameras);
     let pairs = pair_capacity::initial(device, model.len());
@@ -184,7 +227,7 @@ mod tests {
         }
         for up in [DVec3::NEG_Y, DVec3::Z] {
             let asked = VirtualCameras { views: 48, size: (80, 60), up };
-            let (cameras, nearest) = asked.cameras(&model);
+            let (cameras, nearest) = asked.around(&outline(&model, up));
             assert!(cameras.len() == 48 && nearest > 0.0);
             let centre = DVec3::new(3.0, 0.3, -2.0);
             let directions: Vec<DVec3> = cameras.iter().map(|c| (c.centre() - centre).normalize()).collect();
@@ -199,6 +242,30 @@ mod tests {
                 let seen = camera.rotation * centre + camera.translation;
                 let pixel = seen.truncate() / seen.z * camera.focal;
                 assert!(seen.z > 0.5 * nearest && pixel.length() < 20.0, "{pixel}");
+            }
+        }
+    }
+
+    /// A ball, and one with a sky of which the cameras around the ball frame a part.
+    #[test]
+    fn a_sky_is_framed_by_cameras_that_look_away() {
+        let point = |i: u32, radius: f64| {
+            let z = 1.0 - 2.0 * (f64::from(i) + 0.5) / 500.0;
+            let (sin, cos) = (f64::from(i) * 2.4).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            (radius * DVec3::new(r * cos, r * sin, z)).as_vec3().to_array()
+        };
+        let ball = (0..500).map(|i| point(i, 1.0));
+        let views = |means: Vec<[f32; 3]>| {
+            VirtualCameras::default().views(&Gaussians::balls(means, -4.0, 3.0, 0), [0.0; 3], Style::default())
+        };
+        assert!(views(ball.clone().collect()).outward.is_empty());
+        for radius in [40.0, 400.0] {
+            let sky: Vec<[f32; 3]> = (0..500).step_by(3).map(|i| point(i, radius)).collect();
+            let VirtualViews { around, outward, .. } = views(ball.clone().chain(sky.iter().copied()).collect());
+            assert_eq!(outward.len(), OUTWARD);
+            for place in sky.iter().map(|mean| DVec3::from_array(mean.map(f64::from))) {
+                assert!(around.iter().chain(&outward).any(|camera| camera.shows(place)), "{place}");
             }
         }
     }

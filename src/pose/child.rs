@@ -1,7 +1,6 @@
 //! A child process, whose output is read line by line, and which ends with this program.
 
-use crate::job::Error;
-use crate::job::watcher::Watcher;
+use crate::job::{Error, Watcher};
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};

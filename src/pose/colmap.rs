@@ -5,8 +5,7 @@ use super::folder::Folder;
 use super::parts;
 use super::rig::{self, Rig};
 use super::{Matching, Stage, Watcher};
-use crate::job::Error;
-use crate::job::session::host_bytes;
+use crate::job::{Error, host_bytes};
 use crate::scene::{CameraKind, Names};
 use crate::wording;
 use std::fs;
@@ -79,7 +78,9 @@ impl Colmap<'_> {
             Err(other) => return Err(other),
         };
         if !knows {
-            self.watcher.note("this COLMAP knows no rigs (3.12 and newer do): each camera is posed by itself");
+            self.watcher.note(
+                "this version of COLMAP does not support rigs (3.12 and newer do): the cameras are posed independently",
+            );
         }
         Ok(knows)
     }
@@ -167,7 +168,7 @@ impl Colmap<'_> {
         match self.call(&command(RIGS, &files, Vec::new()), &mut |_| ()) {
             Err(Error::Program { log, .. }) => {
                 let log = log.display();
-                self.watcher.note(&format!("COLMAP refuses the rig, so each camera is posed by itself ({log})"));
+                self.watcher.note(&format!("COLMAP refuses the rig, so the cameras are posed independently ({log})"));
                 Ok(false)
             }
             ended => ended.map(|()| true),
@@ -192,7 +193,7 @@ impl Colmap<'_> {
         let with = parts::largest(&models).map_or(0, |(_, photos)| photos);
         if with < without {
             self.watcher.note(&format!(
-                "with the rig {with} photos have poses, without it {without}: each camera is posed by itself"
+                "with the rig {with} photos have poses, without it {without}: the cameras are posed independently"
             ));
             moved(&alone, &models)?;
         }

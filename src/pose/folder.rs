@@ -1,8 +1,7 @@
 //! The folder of a posed scene: its contents and their origin.
 
 use super::{Backend, Matching, Options, Posed};
-use crate::job::Error;
-use crate::job::output::Output;
+use crate::job::{Error, Output};
 use serde::{Deserialize, Serialize};
 use std::fs;
 use std::io;

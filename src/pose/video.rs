@@ -2,8 +2,7 @@
 
 use super::child::{self, Grey, Output, Said, on_path};
 use super::folder::Folder;
-use crate::job::Error;
-use crate::job::watcher::{Stage, Watcher};
+use crate::job::{Error, Stage, Watcher};
 use crate::scene::median;
 use std::fs;
 use std::path::Path;

@@ -14,12 +14,12 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use super::error::Error;
 use super::image_file::{color_type, counting, decode, hides_where_white, to_bytes};
+use super::loaded::{Loaded, LoadedPhotos, notes, without_alpha};
 use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
 use super::resample::{MASKED, Raster, area_average, cut, undistort};
 use super::view::{Resize, View};
 use crate::lock::lock;
-use crate::wording::counted;
 
 /// Options of loading photos.
 #[derive(Clone, Copy, Debug)]
@@ -62,17 +62,7 @@ impl Default for PhotoMemory<'_> {
 pub const ALPHA_SHARE: f64 = 0.005;
 
 /// Share of transparency from which on nothing would be visible; alpha is then ignored, too.
-const NOTHING: f64 = 0.9999;
-
-/// Loaded photos, with notes for the user.
-pub struct LoadedPhotos {
-    /// In the order of the views; a damaged photo fails alone.
-    pub photos: Vec<Result<Photo, Error>>,
-    /// Notes for the user.
-    pub notes: Vec<String>,
-    /// Views whose mask cannot be used, ascending.
-    pub without_mask: Vec<usize>,
-}
+pub(super) const NOTHING: f64 = 0.9999;
 
 /// Decodes the photos of many views in parallel.
 ///
@@ -94,30 +84,28 @@ pub fn load_photos(
     let done = Mutex::new(0);
     // A damaged photo fails alone; a full disk ends everything.
     let load_one = |at: usize, source: Result<&mut Source, Error>| {
-        let even = source.as_ref().is_ok_and(|source| source.even && views[at].face.is_none());
+        let whole = views[at].face.is_none();
+        let even = source.as_ref().is_ok_and(|source| source.even && whole);
         let decoded = source.map(|source| source.view(views[at], options.resize, masked));
         count(&done, progress);
         Ok(match decoded {
             Ok(decoded) => {
-                let (transparent, no_mask) = (decoded.transparent, masked && matches!(decoded.mask, Mask::Damaged));
-                let hides_all = |mask: &Mask| matches!(mask, Mask::Of(mask) if mask.iter().all(|byte| *byte == 0));
-                let hidden = masked && views[at].face.is_none() && hides_all(&decoded.mask);
+                let transparent = decoded.transparent;
+                let hidden = masked && whole && decoded.mask.hides_all();
+                let no_mask = if masked { decoded.mask.fault() } else { None };
                 let (alpha_role, pixels) = decoded.settle(announced, masked);
                 let camera = cameras[at].clone();
-                (
-                    Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None }),
-                    transparent,
-                    [no_mask, hidden, even],
-                )
+                let photo = Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None });
+                Loaded { photo, transparent, no_mask, hidden, even }
             }
-            Err(damaged) => (Err(damaged), 0.0, [false; 3]),
+            Err(damaged) => Loaded { photo: Err(damaged), transparent: 0.0, no_mask: None, hidden: false, even: false },
         })
     };
     // A photo that was cut is decoded once.
     let groups: Vec<&[&View]> = views.chunk_by(|a, b| a.face.is_some() && a.image == b.image).collect();
     let firsts = groups.iter().scan(0, |next, group| Some(std::mem::replace(next, *next + group.len())));
     let firsts: Vec<usize> = firsts.collect();
-    let loaded: Vec<(Result<Photo, Error>, f64, [bool; 3])> = groups
+    let loaded: Vec<Loaded> = groups
         .par_iter()
         .zip(firsts)
         .flat_map_iter(|(group, first)| {
@@ -134,56 +122,27 @@ pub fn load_photos(
             of_group
         })
         .collect::<Result<_, Error>>()?;
-    let pixels: f64 =
-        loaded.iter().filter_map(|(photo, ..)| photo.as_ref().ok()).map(|p| p.camera.pixels() as f64).sum();
-    let share = loaded.iter().map(|(_, transparent, _)| transparent).sum::<f64>() / pixels.max(1.0);
+    let pixels: f64 = loaded.iter().map(Loaded::pixels).sum();
+    let share = loaded.iter().map(|one| one.transparent).sum::<f64>() / pixels.max(1.0);
     if options.alpha.is_none() && announced && (share > NOTHING || share < ALPHA_SHARE && (share > 0.0 || has_masks)) {
         drop((loaded, store));
         let mut again = load_photos(views, &LoadOptions { alpha: Some(false), ..*options }, progress)?;
-        if share > NOTHING {
-            again.notes.push("all of the photos is transparent: taken as opaque".to_owned());
-        } else if share > 0.0 {
-            again.notes.push(format!(
-                "{:.1e} % of the photos is transparent, under {} %: taken as opaque, on black",
-                100.0 * share,
-                100.0 * ALPHA_SHARE
-            ));
-        }
+        again.notes.extend(without_alpha(share));
         return Ok(again);
     }
-    let without_mask = (0..loaded.len()).filter(|at| loaded[*at].2[0]).collect();
-    let [hidden, even] = [1, 2].map(|of| loaded.iter().filter(|(.., flags)| flags[of]).count());
-    let is_blank = |(photo, transparent, _): &&(Result<Photo, Error>, f64, _)| {
-        photo.as_ref().is_ok_and(|photo| *transparent >= photo.camera.pixels() as f64)
-    };
-    let blank = loaded.iter().filter(is_blank).count();
-    let mut photos: Vec<_> = loaded.into_iter().map(|(photo, ..)| photo).collect();
+    let without_mask = (0..loaded.len()).filter(|at| loaded[*at].no_mask.is_some()).collect();
+    // Only the message of the first mask at fault is shown.
+    let no_mask = loaded.iter().find_map(|one| one.no_mask.clone());
+    let number = |is: fn(&Loaded) -> bool| loaded.iter().filter(|one| is(one)).count();
+    let (hidden, even) = (number(|one| one.hidden), number(|one| one.even));
+    let blank = number(|one| one.photo.is_ok() && one.transparent >= one.pixels());
+    let mut photos: Vec<_> = loaded.into_iter().map(|one| one.photo).collect();
     let alpha_role = AlphaRole::of(photos.iter().flatten());
     photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
     let share = Some(share).filter(|_| alpha_role == AlphaRole::Alpha && options.alpha.is_none());
-    let notes = notes(announced && has_masks, hidden, even, share, blank);
+    let mut notes = notes(announced && has_masks, hidden, even, share, blank);
+    notes.extend(no_mask);
     Ok(LoadedPhotos { photos, notes, without_mask })
-}
-
-/// What users should know of alpha and masks: that `masks` are not used, the numbers of photos that are `hidden` as a whole, have the
-/// same alpha everywhere (`even`) or are `blank`, and the share of transparent pixels if alpha counts without having been requested.
-fn notes(masks: bool, hidden: usize, even: usize, transparent: Option<f64>, blank: usize) -> Vec<String> {
-    let photos = |count: usize, what: &str| (count > 0).then(|| format!("{} {what}", counted(count, "photo")));
-    let counts = transparent.map(|share| {
-        let share = 100.0 * share;
-        format!(
-            "{share:.1} % of the photos' pixels are transparent: alpha counts, on white unless another background is given"
-        )
-    });
-    let blank = counts.as_ref().and_then(|_| photos(blank, "transparent everywhere"));
-    masks
-        .then(|| "the photos have alpha, which counts: their masks are not used".to_owned())
-        .into_iter()
-        .chain(photos(hidden, "hidden as a whole by their masks: what is black in a mask does not count"))
-        .chain(photos(even, "with the same alpha everywhere: taken as opaque"))
-        .chain(counts)
-        .chain(blank)
-        .collect()
 }
 
 /// Tells that one photo more is done.
@@ -247,10 +206,20 @@ impl<'a> Store<'a> {
 enum Mask {
     /// It has none.
     None,
-    /// It has one that cannot be used.
-    Damaged,
+    /// It has one that cannot be used, for this reason.
+    Damaged(String),
     /// Width x height bytes, 255 where the pixel counts, 0 where not, between where mixed.
     Of(Vec<u8>),
+}
+
+impl Mask {
+    fn hides_all(&self) -> bool {
+        matches!(self, Self::Of(mask) if mask.iter().all(|byte| *byte == 0))
+    }
+
+    fn fault(&self) -> Option<String> {
+        if let Self::Damaged(fault) = self { Some(fault.clone()) } else { None }
+    }
 }
 
 /// Decoded photo and mask of one view, at the working size.
@@ -338,8 +307,7 @@ impl View {
         let mask = Raster::<1> { width, height, pixels };
         if !self.lens.fits(mask.width, mask.height) {
             let (own, photo) = ([mask.width, mask.height], [self.lens.width, self.lens.height]);
-            let what =
-                format!("this mask is {} x {}, its photo {} x {}: another shape", own[0], own[1], photo[0], photo[1]);
+            let what = format!("is {} x {}, its photo {} x {}: another shape", own[0], own[1], photo[0], photo[1]);
             return Err(Error::photo(path, what));
         }
         Ok(mask)
@@ -408,8 +376,14 @@ impl Source {
             None => None,
             Some(Ok(mask)) => Some(view.resample(mask, resize, false).pixels),
             Some(Err(error)) => {
-                tracing::warn!("{error}");
-                return Decoded { pixels, transparent, mask: Mask::Damaged };
+                // Masks are decoded as photos are, whose errors name a photo.
+                let fault = match error {
+                    Error::Photo { path, what } | Error::Unread { path, what } => {
+                        format!("mask {} {what}", path.display())
+                    }
+                    other => other.to_string(),
+                };
+                return Decoded { pixels, transparent, mask: Mask::Damaged(fault) };
             }
         };
         Decoded { pixels, transparent, mask: view.hide(listed, resize).map_or(Mask::None, Mask::Of) }

@@ -128,6 +128,11 @@ impl Face {
 }
 
 impl Lens {
+    /// True if its photos are cut into faces, because it sees more than a pinhole can show.
+    pub fn is_cut(&self) -> bool {
+        !of(self).is_empty()
+    }
+
     /// True if the photo shows a ray from the camera that is within `reach` (radians) of the axis.
     fn sees(&self, ray: DVec3, reach: f64) -> bool {
         let pixel = self.pixel_of(ray);

@@ -54,7 +54,7 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
         return Err(Error::photo(path, "has no pixels"));
     }
     if bytes.starts_with(&[0xff, 0xd8]) && lacks_data(&bytes) {
-        return Err(Error::photo(path, "the JPEG is cut short: a part of its data is missing; copy it again"));
+        return Err(Error::photo(path, "is a JPEG that is cut short: a part of its data is missing; copy it again"));
     }
     let decoded = if is_exr { straight(decoded) } else { decoded };
     if too_bright(&decoded) {

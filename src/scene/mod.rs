@@ -13,6 +13,7 @@ mod image_file;
 mod image_size;
 mod jpeg;
 pub mod lens;
+mod loaded;
 mod median;
 mod merge;
 mod near;
@@ -28,22 +29,25 @@ mod view;
 pub mod walk;
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use serde::Serialize;
 
 use crate::wording::counted;
 
-pub use decode::{ALPHA_SHARE, LoadOptions, LoadedPhotos, PhotoMemory, alpha_role, load_photos};
+pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, alpha_role, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
 #[cfg(feature = "pose")]
 pub(crate) use image_file::in_eight_bits;
+pub use loaded::LoadedPhotos;
 pub(crate) use median::{median, weighted_quantile};
 pub use near::{ONE_PLACE, USUAL_DISTANCE, near_at};
 pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
+#[cfg(feature = "pipeline")]
+pub(crate) use readers::unread_depth_map;
 pub use readers::{PhotoTree, instead, is_video_name, masks_of, photo_folder, photo_names, read_text};
 pub use skipped::{Names, Skipped};
 #[cfg(feature = "pose")]
@@ -55,6 +59,9 @@ pub const EVAL_EVERY: usize = 8;
 
 /// A scene with fewer points is trained from random ones.
 pub const FEWEST_POINTS: usize = 10;
+
+/// Least distance of a first camera's target in a scene without points, in near planes: 1 unit where that is 3DGS's 0.2.
+const NEAREST_SIGHT: f64 = 5.0;
 
 /// The format of a scene's files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -135,8 +142,9 @@ pub struct Split {
     pub test: Vec<usize>,
 }
 
-/// Counts a view whose photo is absent or of another shape than its camera, and says why it cannot be used.
-fn unusable(view: &View, skipped: &mut Skipped) -> Option<String> {
+/// Counts a view of the scene in `source` whose photo is absent or of another shape than its camera, and says why it cannot be
+/// used; the first other shape is noted.
+fn unusable(view: &View, kind: SceneKind, source: &Path, skipped: &mut Skipped) -> Option<String> {
     let photo = view.image.display();
     if !view.image.is_file() {
         skipped.missing_images.add_photo(view);
@@ -148,13 +156,28 @@ fn unusable(view: &View, skipped: &mut Skipped) -> Option<String> {
         });
     }
     let (width, height) = view.mismatched()?;
+    let is_first = skipped.mismatched_images.count == 0;
     skipped.mismatched_images.add_photo(view);
     let turned = view.lens.fits(height, width);
     if turned {
         skipped.turned_images.add_photo(view);
     }
-    let remedy = if turned { format!(", {}", skipped::TURNED) } else { String::new() };
-    Some(format!("{photo} is {width} x {height}, not its camera's shape{remedy}"))
+    let (file, remedy) = match kind {
+        SceneKind::Blender | SceneKind::Transforms => (source, "correct w and h, or give the photos that were posed"),
+        // Cameras have a file of their own beside that of the views.
+        SceneKind::ColmapBinary | SceneKind::ColmapText => {
+            (source.parent().unwrap_or(source), "give the photos that were posed")
+        }
+    };
+    let remedy = if turned && view.has_exif_rotation() {
+        "EXIF rotation is ignored; store photos as the camera saw them (`magick mogrify -auto-orient`), or pose the stored pixels"
+    } else {
+        remedy
+    };
+    let camera = format!("its camera in {} is {} x {}", file.display(), view.lens.width, view.lens.height);
+    let told = format!("{photo} is {width} x {height}, but {camera}: {remedy}");
+    skipped.notes.extend(is_first.then(|| told.clone()));
+    Some(told)
 }
 
 impl Scene {
@@ -173,14 +196,15 @@ impl Scene {
     /// # Errors
     /// [`Error::NoPhotos`] where no view is left.
     pub fn require_photos(&mut self) -> Result<(), Error> {
-        let reasons: Vec<Option<String>> = self.views.iter().map(|view| unusable(view, &mut self.skipped)).collect();
+        let Self { kind, source, views, skipped, .. } = self;
+        let reasons: Vec<Option<String>> = views.iter().map(|view| unusable(view, *kind, source, skipped)).collect();
         self.keep_sound(&reasons)
     }
 
     /// True if [`Scene::require_photos`] leaves a view.
     pub fn has_photos(&self) -> bool {
         let mut skipped = Skipped::default();
-        self.views.iter().any(|view| unusable(view, &mut skipped).is_none())
+        self.views.iter().any(|view| unusable(view, self.kind, &self.source, &mut skipped).is_none())
     }
 
     /// Drops the views for which there is a reason.
@@ -277,6 +301,22 @@ impl Scene {
     pub fn extent(&self, views: &[usize]) -> f64 {
         let (own, near) = (camera::extent(self.chosen(views)), f64::from(self.near));
         if own > ONE_PLACE * near { own } else { 0.5 * USUAL_DISTANCE * near }
+    }
+
+    /// Up in the world: the mean of the cameras' up directions, of unit length; -y without cameras, and if they cancel out.
+    pub fn up(&self) -> DVec3 {
+        let sum: DVec3 = self.views.iter().map(|view| -view.camera.rotation.row(1)).sum();
+        sum.try_normalize().unwrap_or(orbit::UP)
+    }
+
+    /// The point about which a first camera turns, in world units: on its axis, at the median depth of the points before it;
+    /// without points, at the depth of the cameras' mean centre, but not nearer than five near planes.
+    pub fn sight(&self, camera: &camera::Camera) -> DVec3 {
+        let depths = self.points.iter().map(|point| camera.depth(point.position));
+        let mut depths: Vec<f64> = depths.filter(|depth| *depth > 0.0).collect();
+        let around = camera.depth(camera::mean_centre(self.views.iter().map(|view| &view.camera)));
+        let depth = median(&mut depths).unwrap_or_else(|| around.max(NEAREST_SIGHT * f64::from(self.near)));
+        camera.centre() + camera.rotation.row(2) * depth
     }
 
     fn chosen<'a>(&'a self, views: &'a [usize]) -> impl Iterator<Item = &'a camera::Camera> + Clone {

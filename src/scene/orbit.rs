@@ -107,6 +107,8 @@ impl Outline {
     fn camera_at(&self, turns: f64, look: &Look, framing: Framing) -> Camera {
         let Framing { height, distance } = framing;
         let front = if self.up.z.abs() > 0.5 { DVec3::NEG_Y } else { DVec3::NEG_Z };
+        // Up may be oblique, as the mean of photos is.
+        let front = front.reject_from(self.up).try_normalize().unwrap_or(front);
         let side = self.up.cross(front);
         let target = self.centre + self.up * height;
         let (sin, cos) = (std::f64::consts::TAU * turns).sin_cos();

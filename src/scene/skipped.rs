@@ -6,10 +6,6 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// The cause of another shape in a photo that is turned by 90° against its camera, and the remedy.
-pub(super) const TURNED: &str = "turned by 90°: EXIF rotation is ignored; store photos as the camera saw them \
-                                 (`magick mogrify -auto-orient`), or pose the stored pixels";
-
 /// Number of names kept as examples.
 const EXAMPLES: usize = 5;
 
@@ -114,9 +110,20 @@ impl Skipped {
 
     /// A phrase for each kind of part left out, then the notes; none if everything was used.
     pub fn summary(&self) -> Vec<String> {
+        let masks = if self.damaged_masks.count == 1 {
+            "damaged or of another shape than its photo, not used"
+        } else {
+            "damaged or of another shape than their photos, not used"
+        };
+        // Turned photos are a part of the mismatched ones.
+        let mismatched = match self.turned_images.count {
+            0 => "of another shape than the camera".to_owned(),
+            1 => "of another shape than the camera, 1 of these turned by 90° against its camera".to_owned(),
+            n => format!("of another shape than the camera, {n} of these turned by 90° against their cameras"),
+        };
         let named = [
             (&self.missing_images, "photo", "listed but absent"),
-            (&self.mismatched_images, "photo", "of another shape than the camera"),
+            (&self.mismatched_images, "photo", mismatched.as_str()),
             (&self.damaged_images, "photo", "damaged"),
             (&self.unread_images, "photo", "not read"),
             (&self.bad_poses, "view", "without a usable pose"),
@@ -128,7 +135,7 @@ impl Skipped {
             (&self.repeated_views, "view", "listed twice"),
             (&self.unposed_images, "photo", "without a pose, not used"),
             (&self.missing_masks, "mask file", "listed but absent"),
-            (&self.damaged_masks, "mask file", "damaged or of another shape than its photo, not used"),
+            (&self.damaged_masks, "mask file", masks),
             (&self.missing_depths, "depth map", "listed but absent"),
         ];
         let mut lines: Vec<String> = named
@@ -136,8 +143,6 @@ impl Skipped {
             .filter(|(names, ..)| names.count > 0)
             .map(|(names, noun, what)| format!("{} {what} ({names})", counted(names.count, noun)))
             .collect();
-        let turned = self.turned_images.count;
-        lines.extend((turned > 0).then(|| format!("{} of another shape {TURNED}", counted(turned, "photo"))));
         let points = self.bad_points;
         lines.extend((points > 0).then(|| format!("{} not finite", counted(points, "point"))));
         let points = self.repeated_points;

@@ -82,7 +82,7 @@ pub struct View {
     pub mask: Option<PathBuf>,
     /// The depth map's file, if there is one: depths along the photo's axis, or, if the photo is cut into faces, along the rays.
     pub depth: Option<PathBuf>,
-    /// The length in world units of a step of the map's whole numbers, if the data set says it.
+    /// The length in world units of a step of the map's numbers, if the data set says it.
     pub depth_step: Option<f64>,
     /// Median distance in pixels between where points were found in the photo and where its pose shows them, if that was measured.
     pub misfit: Option<f64>,

@@ -7,10 +7,10 @@ pub mod backward;
 mod fingerprint;
 #[doc(hidden)]
 pub mod hard;
-mod loss;
+pub mod loss;
 pub mod overlap;
 mod participation;
-mod primitives;
+pub mod primitives;
 pub mod project;
 mod random;
 mod rasterise;
@@ -24,7 +24,7 @@ use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
 use crate::qirf::participation::Eigensolver;
 use crate::render::{Settings, Style};
 use participation::by_solver;
-use primitives::{LARGE, over_sizes, scan, small_words, sort, words};
+use primitives::{LARGE, compaction, flags, over_sizes, scan, small_words, sort, words};
 use random::Kind;
 use rasterise::{CROSSED, DISCS, DUST, MILD, NEEDLES, SATURATED, against_twin};
 use serde::Serialize;
@@ -153,12 +153,14 @@ const fn full(room: &'static str, name: &'static str, body: Body) -> Case {
 
 const CASES: &[Case] = &[
     quick("driver", "loop of 100,000 steps", long_loop),
-    quick("scan", "sizes up to 65,537", |d| over_sizes(d, |d, n| scan(d, &small_words(n)))),
+    quick("scan", "sizes up to 65,537", |d| over_sizes(d, |d, n| scan(d, &small_words(n), n))),
     full("scan", "1,000,003 words", primitives::scan_large),
-    quick("sort", "sizes up to 65,537", |d| over_sizes(d, |d, n| sort(d, &words(n, 2), 32))),
+    quick("sort", "sizes up to 65,537", |d| over_sizes(d, |d, n| sort(d, &words(n, 2), 32, n))),
     quick("sort", "few bits, ties, orders", primitives::sort_kinds),
-    full("sort", "1,000,003 pairs", |d| Ok(vec![("wrong words", sort(d, &words(LARGE, 4), 32)?, Allowed::Exact(0.0))])),
-    quick("compact", "sizes up to 65,537", primitives::compaction),
+    full("sort", "1,000,003 pairs", |d| {
+        Ok(vec![("wrong words", sort(d, &words(LARGE, 4), 32, LARGE)?, Allowed::Exact(0.0))])
+    }),
+    quick("compact", "sizes up to 65,537", |d| over_sizes(d, |d, n| compaction(d, &flags(n), n))),
     quick("overlap", "known pairs", overlap::known),
     quick("overlap", "500 random pairs", |d| overlap::random(d, 500)),
     full("overlap", "10,000 random pairs", |d| overlap::random(d, 10_000)),

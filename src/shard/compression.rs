@@ -3,7 +3,7 @@
 use super::files::Files;
 use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::{Gaussians, formats};
-use crate::job::output::{absolute, bytes_on_disk, respell};
+use crate::job::output::{absolute, respell};
 use crate::job::records::{ModelFile, PruneRecord, StageScores, ViewStages};
 use crate::job::sealed::value;
 use crate::job::{Error, Selection, Session};
@@ -161,11 +161,8 @@ impl CompressPlan {
         for task in self.scores().tasks() {
             views.extend(files.sealed::<Vec<ViewStages>>(task)?);
         }
-        let file = |path: &Path| -> Result<ModelFile, Error> {
-            let model = formats::read(path)?.gaussians;
-            let (gaussians, sh_degree) = (model.len(), model.degree());
-            Ok(ModelFile { path: path.to_owned(), bytes: bytes_on_disk(path), gaussians, sh_degree })
-        };
+        let file =
+            |path: &Path| -> Result<ModelFile, Error> { Ok(ModelFile::of(path, &formats::read(path)?.gaussians)) };
         let written = files.outputs(CHOOSE).swap_remove(0);
         let record = json!({
             "schema": 1,

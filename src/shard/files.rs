@@ -12,6 +12,7 @@ use crate::train::checkpoint::Snapshot;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::io;
 use std::path::PathBuf;
 
 /// Notes of a training state that name its plan and its task.
@@ -24,6 +25,16 @@ pub(super) struct Files {
     pub hash: String,
     /// Its tasks.
     pub listed: Vec<Listed>,
+}
+
+/// The error of reading a file of a task. Without the file, the task is not done.
+fn unread(error: impl Into<Error>, task: Task) -> Error {
+    match error.into() {
+        Error::Read { path, source } if source.kind() == io::ErrorKind::NotFound => {
+            Error::Part { path, what: format!("task {task} is not done"), task: task.to_string() }
+        }
+        other => other,
+    }
 }
 
 /// Notes beside a model's file.
@@ -54,7 +65,7 @@ impl Files {
         self.outputs(task).pop().unwrap_or_default()
     }
 
-    /// Folder for a task's temporary files, removed when the task is done.
+    /// Folder for a task's temporary files, with a folder for each device, removed when the task is done.
     pub fn scratch(&self, task: Task) -> PathBuf {
         self.folder.join("work").join(format!("{}-{}", self.hash, task.to_string().replace('/', "-")))
     }
@@ -62,17 +73,19 @@ impl Files {
     /// A file that a task wrote, by a parser that is given its bytes, the plan's hash and the task's name.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Part`] if it is damaged or belongs to another plan or task.
+    /// [`Error::Read`]; [`Error::Part`] if it is missing or damaged, or belongs to another plan or task.
     fn read<T>(
         &self,
         path: PathBuf,
         task: Task,
         parse: impl Fn(&[u8], &str, &str) -> Result<T, String>,
     ) -> Result<T, Error> {
-        let task = task.to_string();
         match std::fs::read(&path) {
-            Ok(bytes) => parse(&bytes, &self.hash, &task).map_err(|what| Error::Part { path, what, task }),
-            Err(source) => Err(Error::Read { path, source }),
+            Ok(bytes) => {
+                let task = task.to_string();
+                parse(&bytes, &self.hash, &task).map_err(|what| Error::Part { path, what, task })
+            }
+            Err(source) => Err(unread(Error::Read { path, source }, task)),
         }
     }
 
@@ -109,7 +122,7 @@ impl Files {
     /// The training state that a task wrote.
     pub fn state(&self, task: Task) -> Result<Snapshot, Error> {
         let path = self.first(task);
-        let mut snapshot = Snapshot::read(&path)?;
+        let mut snapshot = Snapshot::read(&path).map_err(|error| unread(error, task))?;
         let notes = NOTES.map(|name| snapshot.notes.remove(name).unwrap_or_default());
         let task = task.to_string();
         match sealed::check(notes.each_ref().map(String::as_str), [&self.hash, &task]) {
@@ -127,7 +140,7 @@ impl Files {
     /// Reads the notes beside a task's model, and refuses a damaged model.
     pub fn beside<T: DeserializeOwned>(&self, task: Task) -> Result<T, Error> {
         let (path, Beside { model_crc32, content }) = (self.first(task), self.sealed(task)?);
-        if crc32_of_file(&path)? != model_crc32 {
+        if crc32_of_file(&path).map_err(|error| unread(error, task))? != model_crc32 {
             let what = "its checksum does not match the model that was written: it is damaged".to_owned();
             return Err(Error::Part { path, what, task: task.to_string() });
         }

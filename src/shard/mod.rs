@@ -16,12 +16,13 @@ pub use compression::CompressPlan;
 pub use plan::{Job, Plan};
 pub use task::{Listed, Stage, Task};
 
-use crate::gaussians::formats;
+use crate::gaussians::formats::{self, crc32};
 use crate::job::{Error, Session, Watcher};
 use crate::lock::{Attempt, attempt};
 use crate::wording::mebibytes;
 use files::Files;
 use std::fs::{File, OpenOptions};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -29,6 +30,23 @@ use std::time::{Duration, Instant};
 pub struct Shard {
     plan: Plan,
     files: Files,
+    /// Name of the folder with this device's temporary files of a task.
+    device: String,
+}
+
+/// The name of a folder for a device with this fingerprint.
+fn folder_of(fingerprint: &str) -> String {
+    format!("{:08x}", crc32([fingerprint.as_bytes()]))
+}
+
+/// Removes a folder with its contents, if it exists.
+fn remove(folder: &Path) -> Result<(), Error> {
+    match std::fs::remove_dir_all(folder) {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => {
+            Err(Error::Write { path: folder.to_owned(), source })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// State of a task.
@@ -54,14 +72,14 @@ impl Shard {
         Self::open(folder)
     }
 
-    /// Opens a folder with a plan.
+    /// Opens a folder with a plan, for a device like the plan's.
     ///
     /// # Errors
     /// [`Error::Read`]; [`Error::Part`] for a file that is not a plan of this version.
     pub fn open(folder: &Path) -> Result<Self, Error> {
         let plan = Plan::read(folder)?;
-        let files = plan.files(folder);
-        Ok(Self { plan, files })
+        let (files, device) = (plan.files(folder), folder_of(&plan.fingerprint));
+        Ok(Self { plan, files, device })
     }
 
     /// The plan.
@@ -74,12 +92,15 @@ impl Shard {
         self.files.listed.iter().map(|listed| listed.task)
     }
 
-    /// Refuses a device whose results are not bit-identical to those of the plan's device, unless `mixed` is true.
-    pub fn check_device(&self, fingerprint: &str, mixed: bool) -> Result<(), Error> {
+    /// The same plan on a device with this fingerprint. It does not continue from checkpoints of other devices.
+    ///
+    /// # Errors
+    /// [`Error::OtherDevice`] if its results are not bit-identical to those of the plan's device, unless `mixed` is true.
+    pub fn on_device(self, fingerprint: &str, mixed: bool) -> Result<Self, Error> {
         if mixed || fingerprint == self.plan.fingerprint {
-            return Ok(());
+            return Ok(Self { device: folder_of(fingerprint), ..self });
         }
-        Err(Error::OtherDevice { planned: self.plan.fingerprint.clone(), here: fingerprint.to_owned() })
+        Err(Error::OtherDevice { planned: self.plan.fingerprint, here: fingerprint.to_owned() })
     }
 
     /// Runs a task, unless it is done, and reports its cost to the watcher. Waits while another process runs it.
@@ -94,15 +115,15 @@ impl Shard {
             return Ok(());
         }
         let Session { device, watcher, .. } = *session;
-        let begun = Instant::now();
+        let (begun, scratch) = (Instant::now(), self.files.scratch(task));
         device.forget_peak();
-        for (path, bytes) in self.work(session, task)? {
+        for (path, bytes) in self.work(session, task, &scratch.join(&self.device))? {
             let folder = path.parent().unwrap_or(&self.files.folder);
             std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
             formats::remove_leftovers(&path);
             formats::write_atomically(&path, |out| out.write_all(&bytes)).map_err(Error::writing)?;
         }
-        let _ = std::fs::remove_dir_all(self.files.scratch(task));
+        let _ = remove(&scratch);
         let (seconds, memory) = (begun.elapsed().as_secs_f64(), mebibytes(device.memory_used().1));
         watcher.note(&format!("{task} took {seconds:.1} s and at most {memory} of the device"));
         Ok(())
@@ -130,11 +151,21 @@ impl Shard {
         self.tasks().map(|task| (task, state(task))).collect()
     }
 
-    /// Runs a task again and compares the bytes with those of its files. Returns the files that differ.
+    /// Runs a task again from its beginning and compares the bytes with those of its files. Returns the files that differ.
+    /// Waits while another process runs the task.
+    ///
+    /// # Errors
+    /// As [`Shard::run`]; [`Error::Read`] for files that are not there.
     pub fn verify(&self, session: &Session<'_>, task: Task) -> Result<Vec<PathBuf>, Error> {
         self.has(task)?;
+        let _lock = self.lock(session.watcher, task)?;
+        // Not the task's own folder: checkpoints of one are not for the other.
+        let scratch = self.files.scratch(task).with_extension("verify");
+        remove(&scratch)?;
+        let made = self.work(session, task, &scratch);
+        let _ = remove(&scratch);
         let mut wrong = Vec::new();
-        for (path, bytes) in self.work(session, task)? {
+        for (path, bytes) in made? {
             let there = std::fs::read(&path).map_err(|source| Error::Read { path: path.clone(), source })?;
             if there != bytes {
                 wrong.push(path);
@@ -191,9 +222,9 @@ impl Shard {
         whole.map_or_else(|error| State::Damaged(error.to_string()), |()| State::Done)
     }
 
-    /// The files of a task with their contents, in the order of writing.
-    fn work(&self, session: &Session<'_>, task: Task) -> Result<impl Iterator<Item = (PathBuf, Vec<u8>)>, Error> {
-        let contents = self.plan.job.work(session, &self.files, task)?;
-        Ok(self.files.outputs(task).into_iter().zip(contents))
+    /// The files of a task with their contents, in the order of writing; `scratch` is a folder for temporary files.
+    fn work(&self, session: &Session<'_>, task: Task, scratch: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, Error> {
+        let contents = self.plan.job.work(session, &self.files, task, scratch)?;
+        Ok(self.files.outputs(task).into_iter().zip(contents).collect())
     }
 }

@@ -4,8 +4,7 @@ use super::compression::CompressPlan;
 use super::files::Files;
 use super::task::{Listed, Task};
 use crate::gaussians::formats::crc32;
-use crate::job::session::Session;
-use crate::job::{Error, Output};
+use crate::job::{Error, Output, Session};
 use crate::shard::blocks::BlockRun;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -59,10 +58,16 @@ impl Job {
         }
     }
 
-    pub(super) fn work(&self, session: &Session<'_>, files: &Files, task: Task) -> Result<Vec<Vec<u8>>, Error> {
+    pub(super) fn work(
+        &self,
+        session: &Session<'_>,
+        files: &Files,
+        task: Task,
+        scratch: &Path,
+    ) -> Result<Vec<Vec<u8>>, Error> {
         match self {
             Self::Compression(job) => job.work(session, files, task),
-            Self::Run(job) => job.work(session, files, task),
+            Self::Run(job) => job.work(session, files, task, scratch),
         }
     }
 }

@@ -7,14 +7,14 @@ use super::task::{Listed, Scores, Stage, Task};
 use crate::gaussians::Gaussians;
 use crate::job::records::PruneRecord;
 use crate::job::sealed::value;
-use crate::job::session::Session;
-use crate::job::{Error, Output};
+use crate::job::{Error, Output, Session};
 use crate::pipeline::evaluate::Assessment;
 use crate::response::CHUNK;
-use crate::shard::blocks::{AtMeeting, BlockRun, BlockState, Layout, Meeting, copies, joined};
+use crate::shard::blocks::{BlockRun, BlockState, Layout, Leg, Meeting, copies, joined};
 use crate::train::checkpoint::Snapshot;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use std::path::Path;
 
 /// Photos per scoring task.
 const SCORED: usize = 48;
@@ -70,12 +70,6 @@ struct Joined {
 fn meeting(files: &Files, collect: Task) -> Result<Meeting, Error> {
     let (collected, Collected { starts, .. }) = files.model(collect)?;
     Ok(Meeting { collected, starts })
-}
-
-/// The contents of the files of a task that trains a block: its state, and its notes.
-fn with_notes(files: &Files, task: Task, block: BlockState) -> Result<Vec<Vec<u8>>, Error> {
-    let ended = Ended::of(&block);
-    Ok(vec![files.state_bytes(task, block.state)?, files.seal(task, &ended)?])
 }
 
 impl BlockRun {
@@ -156,16 +150,22 @@ impl BlockRun {
         }
     }
 
-    /// The contents of a task's files.
-    pub(super) fn work(&self, session: &Session<'_>, files: &Files, task: Task) -> Result<Vec<Vec<u8>>, Error> {
+    /// The contents of a task's files. Training continues from the checkpoint in the folder `scratch`, if there is one.
+    pub(super) fn work(
+        &self,
+        session: &Session<'_>,
+        files: &Files,
+        task: Task,
+        scratch: &Path,
+    ) -> Result<Vec<Vec<u8>>, Error> {
         let part = task.part.unwrap_or_default();
-        let scratch = || Output::new(&files.scratch(task));
+        let output = || Output::new(scratch);
         match task.stage {
-            Stage::Coarse => Ok(vec![files.state_bytes(task, self.coarse(session, &scratch()?)?)?]),
+            Stage::Coarse => Ok(vec![files.state_bytes(task, self.coarse(session, &output()?)?)?]),
             Stage::Assign => Ok(vec![files.seal(task, &self.assign(session, &files.state(COARSE)?)?)?]),
             Stage::Dense => {
                 let layout: Layout = files.sealed(ASSIGN)?;
-                let state = self.dense(session, &layout, part, &files.state(COARSE)?.model, &scratch()?)?;
+                let state = self.dense(session, &layout, part, &files.state(COARSE)?.model, &output()?)?;
                 Ok(vec![files.state_bytes(task, state)?])
             }
             Stage::Collect if task == THIRD => self.blended(files, task, self.blocks_of(Stage::Settle)),
@@ -188,9 +188,7 @@ impl BlockRun {
                 let (prune, quotas) = self.choose(session, &meeting, chunks)?;
                 Ok(vec![files.seal(task, &Chosen { prune, quotas })?])
             }
-            Stage::Tune => self.tuned(session, files, task, part),
-            Stage::Settle => self.settled(session, files, task, part),
-            Stage::Finish => self.finished(session, files, task, part),
+            Stage::Tune | Stage::Settle | Stage::Finish => self.leg(session, files, task, scratch),
             Stage::Join => self.blended(files, task, self.blocks_of(Stage::Finish)),
             Stage::Score => {
                 let (model, Joined { .. }) = files.model(JOIN)?;
@@ -228,34 +226,36 @@ impl BlockRun {
         files.with_model(task, &model, self.config.style.mode(), self.origin, Joined { blocks: notes })
     }
 
-    fn tuned(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
-        let quota = if self.config.prune.is_some() { Some(files.sealed::<Chosen>(CHOOSE)?.quotas[b]) } else { None };
-        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let meeting = meeting(files, FIRST)?;
-        let came = |b: usize| files.state(Task::part(Stage::Dense, b));
-        let at = AtMeeting { layout: &layout, b, meeting: &meeting };
-        with_notes(files, task, self.tune(session, at, quota, &came, &output)?)
-    }
-
-    fn settled(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
-        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let meeting = meeting(files, SECOND)?;
-        let came = |b: usize| files.state(Task::part(Stage::Tune, b));
-        let Ended { prune, .. } = files.sealed(Task::part(Stage::Tune, b))?;
-        let at = AtMeeting { layout: &layout, b, meeting: &meeting };
-        with_notes(files, task, self.settle(session, at, &came, prune.as_ref(), &output)?)
-    }
-
-    fn finished(&self, session: &Session<'_>, files: &Files, task: Task, b: usize) -> Result<Vec<Vec<u8>>, Error> {
-        let (layout, output): (Layout, _) = (files.sealed(ASSIGN)?, Output::new(&files.scratch(task))?);
-        let meeting = meeting(files, SECOND)?;
-        let (blended, Joined { .. }) = files.model(THIRD)?;
-        let own = Task::part(Stage::Settle, b);
-        let (state, Ended { gaussians, prune, .. }) = (files.state(own)?, files.sealed(own)?);
-        let settled = BlockState { copies: state.model.len() - gaussians, state, prune };
-        let at = AtMeeting { layout: &layout, b, meeting: &meeting };
-        let finished = self.finish(session, at, &blended, settled, &output)?;
-        files.with_model(task, &finished.state.model, self.config.style.mode(), self.origin, Ended::of(&finished))
+    /// The contents of the files of a task that trains a block from a meeting on.
+    fn leg(&self, session: &Session<'_>, files: &Files, task: Task, scratch: &Path) -> Result<Vec<Vec<u8>>, Error> {
+        let b = task.part.unwrap_or_default();
+        let (number, collect, came) = match task.stage {
+            Stage::Tune => (1, FIRST, Stage::Dense),
+            Stage::Settle => (2, SECOND, Stage::Tune),
+            _ => (3, SECOND, Stage::Settle),
+        };
+        let prunes = number == 1 && self.config.prune.is_some();
+        let chosen: Option<Chosen> = prunes.then(|| files.sealed(CHOOSE)).transpose()?;
+        let ended: Option<Ended> = (number > 1).then(|| files.sealed(Task::part(came, b))).transpose()?;
+        let blended = (number == 3).then(|| files.model::<Joined>(THIRD)).transpose()?;
+        let layout: Layout = files.sealed(ASSIGN)?;
+        let meeting = meeting(files, collect)?;
+        let leg = Leg {
+            layout: &layout,
+            b,
+            meeting: &meeting,
+            number,
+            quota: chosen.map(|chosen| chosen.quotas[b]),
+            prune: ended.and_then(|ended| ended.prune),
+            came: &|b: usize| files.state(Task::part(came, b)),
+            blended: blended.as_ref().map(|(blended, _)| blended),
+        };
+        let block = self.train(session, leg, &Output::new(scratch)?)?;
+        let ended = Ended::of(&block);
+        if number == 3 {
+            return files.with_model(task, &block.state.model, self.config.style.mode(), self.origin, ended);
+        }
+        Ok(vec![files.state_bytes(task, block.state)?, files.seal(task, &ended)?])
     }
 
     /// All figures, as printed by `qirf-vk eval`, without times, memory and the frame rate; plus those of the blocks.

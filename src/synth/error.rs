@@ -18,7 +18,7 @@ pub enum Error {
     #[error("lens: {0}")]
     Lens(String),
     /// An option beside which there can be no lens.
-    #[error("a lens of its own excludes {0}")]
+    #[error("--lens does not apply to {0}")]
     Lenses(String),
     /// Depth maps of a scene of dots.
     #[error("a scene of kind dots has no surfaces, and no depth maps")]

@@ -8,7 +8,7 @@ named! {
     #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
     #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
     pub enum Effect {
-        /// Every photo has its own gain (+-15 %) and white balance
+        /// Every photo has its own gain (±15 %) and white balance
         Exposure = "exposure",
         /// The lens bends the picture by several pixels (OPENCV: k1, k2, p1, p2)
         Distortion = "distortion",
@@ -22,7 +22,7 @@ named! {
         Scales = "scales",
         /// All surfaces are glossy: all colours are view-dependent
         Glossy = "glossy",
-        /// No surface reflects: colours depend on the view nowhere
+        /// No surface reflects: no colour depends on the view
         Matte = "matte",
         /// Three cameras with their own focal lengths and picture sizes
         Cameras = "cameras",
@@ -41,7 +41,7 @@ named! {
         Terrain = "terrain",
         /// The plaza in equirectangular panoramas, from a walk among its objects
         Panorama = "panorama",
-        /// White dots on black all around, whose places are the points: to measure lenses
+        /// White dots on black on all sides, for measuring lenses; the points are the centres of the dots
         Dots = "dots",
     }
 }

@@ -3,7 +3,7 @@
 use glam::{DVec2, Vec3};
 
 use super::{
-    Effect, SynthOptions,
+    Calibration, Effect, SynthOptions,
     lens::Lens,
     path::View,
     place::Place,
@@ -11,6 +11,7 @@ use super::{
     shade::{Openness, Sun, Thing, World},
     tiles::{Outlook, TILE},
 };
+use crate::scene::lens::Lens as Calibrated;
 
 /// Samples along either side of a pixel.
 const GRID: usize = 4;
@@ -24,8 +25,8 @@ pub(super) struct Picture {
     pub pixels: Vec<[u8; 4]>,
     /// True for pixels free of the moving object; empty if nothing moves.
     pub mask: Vec<bool>,
-    /// Depths along the camera's axis, or along rays if the lens shows all directions, at pixels' middles; 0 in the sky. Empty
-    /// unless asked for.
+    /// Depths along the camera's axis, or along rays if readers cut the photo into faces, at pixels' middles; 0 in the sky.
+    /// Empty unless asked for.
     pub depths: Vec<f32>,
 }
 
@@ -79,19 +80,29 @@ pub(super) fn picture(place: &Place, view: &View, options: &SynthOptions, index:
         }
     }
     let mask = if view.mover.is_empty() { Vec::new() } else { grown(&touched, width as usize) };
-    let depths = if options.depth { depths(&world, view) } else { Vec::new() };
+    let depths = if options.depth { depths(&world, view, is_cut(view, options)) } else { Vec::new() };
     Picture { width, height, pixels, mask, depths }
 }
 
-/// The depth at the centre of each pixel.
-fn depths(world: &World<'_>, view: &View) -> Vec<f32> {
+/// True if readers cut the photo into faces: a panorama, or that of a wide fisheye.
+fn is_cut(view: &View, options: &SynthOptions) -> bool {
+    let (width, height) = (view.camera.width.into(), view.camera.height.into());
+    let is_wide = |own: &Calibration| {
+        let lens = Calibrated::from_colmap(own.model, width, height, &own.parameters);
+        lens.is_ok_and(|lens| lens.is_cut())
+    };
+    view.lens == Lens::Panorama || options.lens.as_ref().is_some_and(is_wide)
+}
+
+/// The depth at the centre of each pixel, along the ray or along the camera's axis.
+fn depths(world: &World<'_>, view: &View, along_rays: bool) -> Vec<f32> {
     let (camera, origin) = (&view.camera, view.camera.centre().as_vec3());
     let depth = |n: u32| {
         let place = DVec2::new(f64::from(n % camera.width), f64::from(n / camera.width)) + 0.5;
         let local = view.lens.direction((place - camera.principal) / camera.focal).normalize();
         let direction = (camera.rotation.transpose() * local).as_vec3();
         let (distance, thing) = world.hit(&super::geometry::Ray { origin, direction });
-        let share = if view.lens == Lens::Panorama { 1.0 } else { local.z as f32 };
+        let share = if along_rays { 1.0 } else { local.z as f32 };
         if thing == Thing::Sky { 0.0 } else { distance * share }
     };
     (0..camera.width * camera.height).map(depth).collect()

@@ -3,7 +3,7 @@
 use super::growth::Growth;
 use super::schedule::Schedule;
 use super::training_model::{Array, TrainingModel};
-use crate::gaussians::{Attributes, Gaussians};
+use crate::gaussians::Attributes;
 use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::kernels::constants::density::{CLONE, KEPT};
 use crate::kernels::train::{
@@ -29,12 +29,12 @@ pub struct Step {
 }
 
 /// Bytes that [`densify`] needs besides the resulting model of `after` Gaussians, made from one of `n`: arrays are
-/// replaced one by one, so the widest, the moments of the last SH band, exists twice.
+/// replaced one by one, so the widest, moments of an attribute, exists twice.
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
     let scan = device.bytes_of(|counts| Scan::new(counts, n as u32));
     let choice = 3 * words(n) + Count::bytes() + scan + 2 * words(after);
-    choice + words(2 * n.max(after) * Gaussians::band_width(degree))
+    choice + words(2 * n.max(after) * Attributes::widest(degree))
 }
 
 /// Clones, splits and prunes the Gaussians of a model in training, without its tail. Returns their new number.

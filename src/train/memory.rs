@@ -13,7 +13,7 @@ use super::poses::Poses;
 use super::smoothing::Smoothing;
 use super::trainer::Trainer;
 use super::training_model::{Array, TrainingModel};
-use crate::gaussians::Gaussians;
+use crate::gaussians::Attributes;
 use crate::gpu::{Device, staging_bytes};
 use crate::render::{Purpose, Renderer, Style, Uses};
 use std::sync::Arc;
@@ -81,7 +81,7 @@ impl Trainer {
         let pictures = pictures + DevicePhotos::bytes(&needs.photos, device.memory_limit());
         let growth = if grows || method.is_some() { density::bytes(device, n, n, degree) } else { 0 };
         // Downloads stage one array at a time; the widest are moments, twice as wide as their parameters.
-        let widest = 8 * (n * Gaussians::band_width(degree)) as u64;
+        let widest = 8 * (n * Attributes::widest(degree)) as u64;
         let responding = Renderer::bytes(device, n, size, pairs, Uses { responses: true, ..uses }) - renderer;
         let pruning = if needs.pruning > 0 { needs.pruning + responding } else { 0 };
         let drawing = renderer + pruning.max(staging_bytes(widest));

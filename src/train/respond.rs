@@ -2,6 +2,7 @@
 
 use super::device_photos::DevicePhotos;
 use super::error::Result;
+use super::exposure::Exposure;
 use super::loss::Loss;
 use super::mask::Mask;
 use super::objective::{Current, Objective};
@@ -113,6 +114,8 @@ pub struct PhotoNeeds<'a> {
     pub bytes: &'a [u64],
     /// True if photos have masks.
     pub masked: bool,
+    /// True if each photo has an exposure of its own.
+    pub exposure: bool,
 }
 
 /// Bytes of device memory that [`responses`] takes besides the model and the results ([`Wanted::bytes`]).
@@ -123,14 +126,16 @@ pub fn bytes(
     photos: PhotoNeeds<'_>,
     (style, wanted): (Style, Wanted),
 ) -> u64 {
-    let PhotoNeeds { size, bytes, masked } = photos;
+    let PhotoNeeds { size, bytes, masked, exposure } = photos;
     let renderer =
         Renderer::bytes(device, gaussians, size, pairs, Uses { purpose: wanted.purpose(), responses: true, style });
     if !wanted.gradients() {
         return renderer + Buffer::<[f32; 4]>::bytes_of(1);
     }
+    let pixels = size[0] as usize * size[1] as usize;
     let compared = device.bytes_of(|counts| {
-        masked.then(|| Mask::new(counts, size[0] as usize * size[1] as usize, [0.0; 3])).transpose()?;
+        masked.then(|| Mask::new(counts, pixels, [0.0; 3])).transpose()?;
+        exposure.then(|| Exposure::new(counts, &[], bytes.len(), pixels)).transpose()?;
         Loss::new(counts, size[0], size[1])
     });
     renderer + DevicePhotos::bytes(bytes, device.memory_limit()) + compared

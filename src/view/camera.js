@@ -38,8 +38,9 @@ function looking(forward, up) {
 const POLE = 0.02;
 
 export class Camera {
-  constructor({ position, rotation, fov }, target, up) {
-    Object.assign(this, { position, rotation: unit(rotation), fov, up: unit(up) });
+  /** `reach`, the distance from which one sees the whole, bounds zooming and keeps flights from stopping; 0 if it is not known. */
+  constructor({ position, rotation, fov }, target, up, reach = 0) {
+    Object.assign(this, { position, rotation: unit(rotation), fov, up: unit(up), reach });
     this.distance = Math.max(length(less(target, position)), 1e-6);
   }
 
@@ -73,17 +74,17 @@ export class Camera {
     this.position = add(this.position, add(scaled(this.right, -dx * height), scaled(this.down, -dy * height)));
   }
 
-  /** Multiplies the distance from the target. */
+  /** Multiplies the distance from the target, between a thousandth of the reach and a thousand times as much. */
   dolly(factor) {
-    const target = this.target;
-    this.distance = Math.max(this.distance * factor, 1e-6);
+    const target = this.target, most = 1e3 * this.reach || Infinity;
+    this.distance = Math.max(Math.min(this.distance * factor, most), 1e-3 * this.reach, 1e-6);
     this.position = less(target, scaled(this.forward, this.distance));
   }
 
-  /** Moves along its axes, in target distances. */
+  /** Moves along its axes, in target distances, or in twentieths of the reach where these are longer. */
   fly(right, down, forward) {
     const step = add(add(scaled(this.right, right), scaled(this.down, down)), scaled(this.forward, forward));
-    this.position = add(this.position, scaled(step, this.distance));
+    this.position = add(this.position, scaled(step, Math.max(this.distance, 0.05 * this.reach)));
   }
 
   /** Looks at a point, round which it then turns. */
@@ -93,8 +94,8 @@ export class Camera {
     this.rotation = looking(way, this.up);
   }
 
-  /** The sphere about the target that fits into the picture's height: x, y, z, radius. */
-  get sphere() { return [...this.target, this.distance * Math.sin(this.fov / 2)]; }
+  /** The sphere about the target that fits into a picture of this ratio of width to height: x, y, z, radius. */
+  sphere(ratio) { return [...this.target, this.distance * Math.sin(Math.atan(Math.tan(this.fov / 2) * Math.min(1, ratio)))]; }
 
   /** Puts the horizon level. */
   level() { if (length(cross(this.forward, this.up)) > 1e-3) this.rotation = looking(this.forward, this.up); }

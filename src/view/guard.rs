@@ -74,7 +74,8 @@ impl Guard {
         if !self.own(asked.host) {
             return Verdict::Refuse("unknown host name; use the IP address that qirf-vk printed");
         }
-        if asked.socket && asked.origin.and_then(|o| o.strip_prefix("http://")) != Some(asked.host) {
+        let own_page = |o: &str| o.strip_prefix("http://").is_some_and(|o| o.eq_ignore_ascii_case(asked.host));
+        if asked.socket && !asked.origin.is_some_and(own_page) {
             return Verdict::Refuse("pages of other sites may not connect to this viewer");
         }
         let given = asked.query.split('&').find_map(|p| p.strip_prefix("token="));
@@ -96,7 +97,8 @@ impl Guard {
             Some((name, port)) if port.parse::<u16>().is_ok() => name,
             _ => host,
         };
-        ["127.0.0.1", "localhost", "[::1]"].contains(&name)
+        let name = name.to_ascii_lowercase();
+        ["127.0.0.1", "localhost", "[::1]"].contains(&name.as_str())
             || self.host.as_ref().is_some_and(|bound| match bound.as_str() {
                 // Bound to every address: any numeric address is this machine's, and no name can be rebound to it.
                 "0.0.0.0" | "::" => name.trim_matches(['[', ']']).parse::<IpAddr>().is_ok(),
@@ -129,7 +131,10 @@ mod tests {
         let socket = Asked { cookie: &cookie, origin: Some("http://127.0.0.1:4711"), socket: true, ..asked };
         assert_eq!(guard.check(socket), Verdict::Pass);
         // Through a tunnel, the browser sees another port.
-        assert_eq!(guard.check(Asked { host: "localhost:9000", cookie: &cookie, ..asked }), Verdict::Pass);
+        for host in ["localhost:9000", "LOCALHOST:9000"] {
+            assert_eq!(guard.check(Asked { host, cookie: &cookie, ..asked }), Verdict::Pass);
+            assert_eq!(guard.check(Asked { host, origin: Some("http://localhost:9000"), ..socket }), Verdict::Pass);
+        }
 
         let other = Guard::new(HERE, 4711).unwrap().cookie();
         for refused in [

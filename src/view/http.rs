@@ -1,4 +1,4 @@
-//! A minimal HTTP/1.1 server: GET requests of at most 8 KiB within ten seconds, one per connection.
+//! A minimal HTTP/1.1 server: GET and HEAD requests of at most 8 KiB within ten seconds, one per connection.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
@@ -14,6 +14,8 @@ pub const PATIENCE: Duration = Duration::from_secs(10);
 /// A request's head.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct HttpRequest {
+    /// True for HEAD, whose answer has no body.
+    pub head: bool,
     /// Path, without the query.
     pub path: String,
     /// Query, without `?`.
@@ -94,13 +96,14 @@ fn parse(bytes: &[u8]) -> Result<Option<HttpRequest>, Status> {
         Err(httparse::Error::TooManyHeaders) => return Err(Status::LONG),
         Err(_) => return Err(Status::BAD),
     };
-    if parsed.method != Some("GET") {
+    if !matches!(parsed.method, Some("GET" | "HEAD")) {
         return Err(Status::METHOD);
     }
     let text = |value: &[u8]| std::str::from_utf8(value).map(str::to_owned).map_err(|_| Status::BAD);
     let (path, query) =
         parsed.path.unwrap_or_default().split_once('?').unwrap_or((parsed.path.unwrap_or_default(), ""));
     let mut request = HttpRequest {
+        head: parsed.method == Some("HEAD"),
         path: path.to_owned(),
         query: query.to_owned(),
         rest: bytes[end..].to_vec(),
@@ -122,23 +125,36 @@ fn parse(bytes: &[u8]) -> Result<Option<HttpRequest>, Status> {
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob: data:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// Writes an answer and ends the connection. Failures are ignored: the client is gone.
-pub fn answer(stream: &mut TcpStream, status: Status, kind: &str, more: &str, body: &[u8]) {
-    let Status(code, reason) = status;
-    let head = format!(
-        "HTTP/1.1 {code} {reason}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\nCache-Control: no-store\r\n\
-         Content-Security-Policy: {POLICY}\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
-         Cross-Origin-Resource-Policy: same-origin\r\n{more}\r\n",
-        body.len()
-    );
-    let _ = stream.set_write_timeout(Some(PATIENCE));
-    let _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(body)).and_then(|()| stream.flush());
-    let _ = stream.shutdown(std::net::Shutdown::Write);
+/// A connection whose request waits for an answer.
+pub struct Reply {
+    /// The connection.
+    pub stream: TcpStream,
+    /// True if the answer has no body.
+    pub head: bool,
 }
 
-/// Answers with a sentence.
-pub fn say(stream: &mut TcpStream, status: Status, sentence: &str) {
-    answer(stream, status, "text/plain; charset=utf-8", "", format!("{sentence}\n").as_bytes());
+impl Reply {
+    /// Writes an answer, with headers `more`, and ends the connection. Failures are ignored: the client is gone.
+    pub fn answer(mut self, status: Status, kind: &str, more: &str, body: &[u8]) {
+        let Status(code, reason) = status;
+        let allowed = if status == Status::METHOD { "Allow: GET, HEAD\r\n" } else { "" };
+        let head = format!(
+            "HTTP/1.1 {code} {reason}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\nCache-Control: no-store\r\n\
+             Content-Security-Policy: {POLICY}\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
+             Cross-Origin-Resource-Policy: same-origin\r\n{allowed}{more}\r\n",
+            body.len()
+        );
+        let body: &[u8] = if self.head { &[] } else { body };
+        let stream = &mut self.stream;
+        let _ = stream.set_write_timeout(Some(PATIENCE));
+        let _ = stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(body)).and_then(|()| stream.flush());
+        let _ = stream.shutdown(std::net::Shutdown::Write);
+    }
+
+    /// Answers with a sentence.
+    pub fn say(self, status: Status, sentence: &str) {
+        self.answer(status, "text/plain; charset=utf-8", "", format!("{sentence}\n").as_bytes());
+    }
 }
 
 #[cfg(test)]
@@ -160,6 +176,7 @@ mod tests {
         for end in 0..head.len() - 8 {
             assert_eq!(parse(&head[..end]), Ok(None), "{end}");
         }
+        assert!(!request.head && parse(b"HEAD / HTTP/1.1\r\n\r\n").unwrap().unwrap().head);
         assert_eq!(parse(b"POST / HTTP/1.1\r\n\r\n"), Err(Status::METHOD));
         assert_eq!(parse(b"\0\x01\x02"), Err(Status::BAD));
         assert_eq!(parse(format!("GET / HTTP/1.1\r\n{}\r\n", "a: b\r\n".repeat(65)).as_bytes()), Err(Status::LONG));

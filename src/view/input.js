@@ -68,7 +68,7 @@ export function listen() {
     if (key === "arrowleft" || key === "arrowright") step(key === "arrowleft" ? -1 : 1);
     else if (key === "home") home();
     else if (key === "l") { state.camera.level(); change(true); }
-    else if (key === "h") $("panel").hidden = !$("panel").hidden;
+    else if (key === "h" && !event.repeat) $("panel").hidden = !$("panel").hidden;
     else if (/^[1-9]$/.test(key) && Number(key) <= $("kind").options.length) { $("kind").selectedIndex = Number(key) - 1; kind(); }
     else { state.keys.add(key); return; }
     event.preventDefault();
@@ -76,8 +76,11 @@ export function listen() {
   addEventListener("keyup", (event) => state.keys.delete(event.key.toLowerCase()));
   addEventListener("blur", () => state.keys.clear());
   addEventListener("hashchange", () => restore(location.hash.slice(1)));
-  // Keys belong to the camera again.
-  $("panel").addEventListener("change", (event) => event.target.blur());
+  // After a choice by pointer, keys belong to the camera again; whoever chooses by keys goes on with them.
+  let pointed = false;
+  $("panel").addEventListener("pointerdown", () => { pointed = true; });
+  $("panel").addEventListener("keydown", () => { pointed = false; });
+  $("panel").addEventListener("change", (event) => { if (pointed) event.target.blur(); });
   $("kind").addEventListener("change", kind);
   $("models").addEventListener("change", () => { state.model = Number($("models").value); legend(); change(); });
   $("split").addEventListener("input", () => { paint(); if (twoModels() && !state.other) change(); });

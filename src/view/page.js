@@ -1,6 +1,6 @@
 // The viewer's page: asks for pictures over one WebSocket and shows them. Moving pictures are JPEG, still ones lossless.
 
-import { Camera } from "./camera.js";
+import { Camera, less, scaled } from "./camera.js";
 import { colours, draw, frustumLength } from "./draw.js";
 import { fragment, home, listen, restore, steer } from "./input.js";
 
@@ -176,7 +176,7 @@ export function choose(n) {
   if (n < 0) return paint();
   const camera = state.scene.cameras[n];
   state.camera = new Camera(camera, state.camera.target, state.scene.up);
-  if (camera.photo) photo.src = `/photo/${n}`;
+  if (camera.photo) Object.assign(photo, { src: `/photo/${n}`, alt: camera.name });
   change();
 }
 
@@ -221,15 +221,22 @@ function overlay() {
   draw(context, rectangle(), state.camera, state.scene.cameras, state.paints, state.length, state.photo);
 }
 
+/** A sphere of the page in the coordinates of the shown model's file. */
+function inFile([x, y, z, radius]) {
+  const { unit, models } = state.scene;
+  return [...less(scaled([x, y, z], unit), models[state.model]?.shift ?? [0, 0, 0]), unit * radius];
+}
+
 /** Shows the sphere that fits into the picture: its outline, and the option that keeps what lies in it. */
 function crop(context) {
   const [left, top, width, height] = rectangle();
   context.beginPath();
-  context.arc(left + width / 2, top + height / 2, height / 2, 0, 2 * Math.PI);
+  context.arc(left + width / 2, top + height / 2, Math.min(width, height) / 2, 0, 2 * Math.PI);
   context.strokeStyle = "#fff";
   context.stroke();
   // All four to a thousandth of the radius, wherever the centre lies.
-  const { sphere } = state.camera, digits = Math.min(20, Math.max(0, 3 - Math.floor(Math.log10(sphere[3]))));
+  const sphere = inFile(state.camera.sphere(picture.width / picture.height));
+  const digits = Math.min(20, Math.max(0, 3 - Math.floor(Math.log10(sphere[3]))));
   $("crop").lastElementChild.textContent = `--crop-sphere ${sphere.map((v) => Number(v.toFixed(digits))).join(",")}`;
 }
 

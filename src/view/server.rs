@@ -2,18 +2,21 @@
 
 use super::client::converse;
 use super::guard::{Asked, Guard, Verdict};
-use super::http::{self, HttpRequest, Status};
+use super::http::{self, HttpRequest, Reply, Status};
 use super::requests::Requests;
 use super::subject::{Job, Subject};
 use crate::job::Error;
-use std::io::Write;
-use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::sync::Arc;
+use crate::lock::lock;
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use tungstenite::handshake::derive_accept_key;
 
-/// Largest number of connections at a time.
+/// Largest number of connections at a time. One more takes the place of the oldest that has not sent a request, so that strangers
+/// cannot keep users out by connections alone.
 const MOST_CONNECTIONS: usize = 32;
 
 /// Time for pages to receive the message that the program ends.
@@ -49,6 +52,8 @@ struct Site {
     description: String,
     control: bool,
     connections: AtomicUsize,
+    /// Connections that have not sent a request, by the order in which they came.
+    silent: Mutex<BTreeMap<u64, TcpStream>>,
 }
 
 /// A listening server; it stops when dropped.
@@ -64,8 +69,13 @@ impl Server {
     /// [`Error::Usage`] if the address cannot be bound; [`Error::Threads`].
     pub fn start(options: &ServerOptions, subject: Arc<Subject>, device: &str) -> Result<Self, Error> {
         let wanted = SocketAddr::new(options.host, options.port);
-        let refused =
-            |e: std::io::Error| Error::Usage(format!("cannot listen on {wanted}: {e}; choose another --port"));
+        let refused = |e: io::Error| {
+            Error::Usage(if e.kind() == io::ErrorKind::AddrNotAvailable {
+                format!("cannot listen: {} is no address of this machine; choose another --host", options.host)
+            } else {
+                format!("cannot listen on {wanted}: {e}; choose another --port")
+            })
+        };
         let listener = TcpListener::bind(wanted).map_err(refused)?;
         let address = listener.local_addr().map_err(refused)?;
         let control = options.control && subject.job != Job::Show;
@@ -77,6 +87,7 @@ impl Server {
             description,
             control,
             connections: AtomicUsize::new(0),
+            silent: Mutex::default(),
         });
         let serving = Arc::clone(&site);
         let accepting = std::thread::Builder::new().spawn(move || accept(&listener, &serving));
@@ -122,42 +133,69 @@ fn own_address() -> Option<IpAddr> {
 }
 
 fn accept(listener: &TcpListener, site: &Arc<Site>) {
-    for stream in listener.incoming() {
+    for (number, stream) in (0..).zip(listener.incoming()) {
         if site.requests.closed() {
             return;
         }
-        let Ok(mut stream) = stream else {
+        let Ok(stream) = stream else {
             // Perhaps too many files are open: another connection may close soon.
             std::thread::sleep(PAUSE);
             continue;
         };
-        if site.connections.fetch_add(1, Ordering::AcqRel) >= MOST_CONNECTIONS {
-            site.connections.fetch_sub(1, Ordering::AcqRel);
-            http::say(&mut stream, Status::FULL, "too many connections");
+        let full = site.connections.fetch_add(1, Ordering::AcqRel) >= MOST_CONNECTIONS;
+        let connected = Connected { site: Arc::clone(site), number };
+        if full && !site.end_silent() {
+            Reply { stream, head: false }.say(Status::FULL, "too many connections");
             continue;
         }
-        let connected = Connected(Arc::clone(site));
+        let Ok(twin) = stream.try_clone() else { continue };
+        lock(&site.silent).insert(number, twin);
         // A connection for which the system has no thread is closed.
-        let _ = std::thread::Builder::new().spawn(move || connected.0.serve(stream));
+        let _ = std::thread::Builder::new().spawn(move || connected.serve(stream));
     }
 }
 
 /// A connection that counts until it is dropped.
-struct Connected(Arc<Site>);
+struct Connected {
+    site: Arc<Site>,
+    number: u64,
+}
+
+impl Connected {
+    fn serve(&self, mut stream: TcpStream) {
+        let read = http::read(&mut stream);
+        self.heard();
+        match read {
+            Ok(request) => self.site.serve(stream, request),
+            Err(Some(status)) => Reply { stream, head: false }.say(status, status.1),
+            Err(None) => {}
+        }
+    }
+
+    /// Notes that it has sent a request, or never will.
+    fn heard(&self) {
+        lock(&self.site.silent).remove(&self.number);
+    }
+}
 
 impl Drop for Connected {
     fn drop(&mut self) {
-        self.0.connections.fetch_sub(1, Ordering::AcqRel);
+        self.heard();
+        self.site.connections.fetch_sub(1, Ordering::AcqRel);
     }
 }
 
 impl Site {
-    fn serve(&self, mut stream: TcpStream) {
-        let request = match http::read(&mut stream) {
-            Ok(request) => request,
-            Err(Some(status)) => return http::say(&mut stream, status, status.1),
-            Err(None) => return,
-        };
+    /// Ends the oldest connection that has not sent a request; returns false if there is none.
+    fn end_silent(&self) -> bool {
+        let oldest = lock(&self.silent).pop_first();
+        let Some((_, stream)) = oldest else { return false };
+        // An error means that it has ended by itself.
+        let _ = stream.shutdown(Shutdown::Both);
+        true
+    }
+
+    fn serve(&self, stream: TcpStream, request: HttpRequest) {
         let asked = Asked {
             query: &request.query,
             host: &request.host,
@@ -165,45 +203,39 @@ impl Site {
             cookie: &request.cookie,
             socket: request.path == "/ws",
         };
+        let reply = Reply { stream, head: request.head };
         match self.guard.check(asked) {
-            Verdict::Refuse(why) => http::say(&mut stream, Status::FORBIDDEN, why),
+            Verdict::Refuse(why) => reply.say(Status::FORBIDDEN, why),
             // No redirect: after a click on another site's link, browsers would send it without the cookie.
-            Verdict::Enter => {
-                let more = format!("Set-Cookie: {}\r\n", self.guard.cookie());
-                http::answer(&mut stream, Status::OK, "text/html; charset=utf-8", &more, PAGE.as_bytes());
-            }
-            Verdict::Pass => self.answer(stream, request),
+            Verdict::Enter => self.answer(reply, request, &format!("Set-Cookie: {}\r\n", self.guard.cookie())),
+            Verdict::Pass => self.answer(reply, request, ""),
         }
     }
 
-    fn answer(&self, mut stream: TcpStream, request: HttpRequest) {
-        let stream_ref = &mut stream;
+    /// Answers a request of somebody who may look, with headers `more`.
+    fn answer(&self, reply: Reply, request: HttpRequest, more: &str) {
         match request.path.as_str() {
-            "/" => http::answer(stream_ref, Status::OK, "text/html; charset=utf-8", "", PAGE.as_bytes()),
-            "/page.css" => http::answer(stream_ref, Status::OK, "text/css; charset=utf-8", "", STYLE.as_bytes()),
-            "/scene.json" => {
-                http::answer(stream_ref, Status::OK, "application/json", "", self.description.as_bytes());
-            }
+            "/" => reply.answer(Status::OK, "text/html; charset=utf-8", more, PAGE.as_bytes()),
+            "/page.css" => reply.answer(Status::OK, "text/css; charset=utf-8", more, STYLE.as_bytes()),
+            "/scene.json" => reply.answer(Status::OK, "application/json", more, self.description.as_bytes()),
             "/ws" => match request.socket_key {
-                Some(key) => self.upgrade(stream, &key, request.rest),
-                None => http::say(stream_ref, Status::BAD, "this path is for a WebSocket"),
+                Some(key) if !request.head => self.upgrade(reply.stream, &key, request.rest),
+                _ => reply.say(Status::BAD, "this path is for a WebSocket"),
             },
             path => match (script(path), photo_number(path)) {
-                (Some(text), _) => {
-                    http::answer(stream_ref, Status::OK, "text/javascript; charset=utf-8", "", text.as_bytes());
-                }
-                (_, Some(n)) => self.photo(stream_ref, n),
-                _ => http::say(stream_ref, Status::MISSING, "there is nothing here"),
+                (Some(text), _) => reply.answer(Status::OK, "text/javascript; charset=utf-8", more, text.as_bytes()),
+                (_, Some(n)) => self.photo(reply, n, more),
+                _ => reply.say(Status::MISSING, "there is nothing here"),
             },
         }
     }
 
-    fn photo(&self, stream: &mut TcpStream, n: usize) {
+    fn photo(&self, reply: Reply, n: usize, more: &str) {
         let capture = self.subject.capture.as_ref().filter(|c| n < c.scene.views.len());
-        let Some(capture) = capture else { return http::say(stream, Status::MISSING, "there is no such photo") };
+        let Some(capture) = capture else { return reply.say(Status::MISSING, "there is no such photo") };
         match capture.photo_jpeg(n, self.subject.background) {
-            Ok(bytes) => http::answer(stream, Status::OK, "image/jpeg", "", &bytes),
-            Err(e) => http::say(stream, Status::MISSING, &e.to_string()),
+            Ok(bytes) => reply.answer(Status::OK, "image/jpeg", more, &bytes),
+            Err(e) => reply.say(Status::MISSING, &e.to_string()),
         }
     }
 

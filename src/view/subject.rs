@@ -8,7 +8,7 @@ use crate::pipeline::evaluate::truth;
 use crate::render::Style;
 use crate::scene::camera::Camera;
 use crate::scene::orbit::{Look, Outline};
-use crate::scene::{AlphaRole, LoadOptions, Photo, Resize, Scene, Split, load_photos, median, near_at};
+use crate::scene::{AlphaRole, LoadOptions, Photo, Resize, Scene, Split, load_photos, near_at};
 use glam::{DQuat, DVec3};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
@@ -23,6 +23,10 @@ pub struct Model {
     pub name: String,
     /// The Gaussians.
     pub gaussians: Gaussians,
+    /// Local origin of the file's means, in the world.
+    pub origin: [f64; 3],
+    /// What was added to the file's means to let the model lie where it is shown.
+    pub shift: DVec3,
     /// The style to draw them in.
     pub style: Style,
     /// Diagnostics of their prune.
@@ -50,6 +54,8 @@ pub struct Subject {
     pub models: Vec<Model>,
     /// Colour behind the Gaussians.
     pub background: [f32; 3],
+    /// Up direction of the world, if the user chose one.
+    pub up: Option<DVec3>,
     /// Position and size of the first model; `None` if there is a capture.
     pub outline: Option<Outline>,
     /// Photos and their cameras.
@@ -92,12 +98,6 @@ impl Capture {
         let bytes: Vec<u8> = truth(&photo, background)?.into_iter().map(byte).collect();
         jpeg(&bytes, photo.camera.width, photo.camera.height, PHOTO_QUALITY, SamplingFactor::F_1_1)
     }
-
-    /// Mean of the cameras' up directions.
-    fn up(&self) -> DVec3 {
-        let sum: DVec3 = self.scene.views.iter().map(|v| -v.camera.rotation.row(1)).sum();
-        sum.try_normalize().unwrap_or(DVec3::NEG_Y)
-    }
 }
 
 /// Encodes red, green, blue bytes as JPEG.
@@ -124,18 +124,19 @@ pub(super) fn pose(camera: &Camera) -> Value {
 }
 
 impl Subject {
-    /// Up direction of the world.
+    /// Up direction of the world: the user's choice, that of the capture's cameras, or that of the outline.
     fn upwards(&self) -> DVec3 {
         let outline = || self.outline.as_ref().map_or(DVec3::NEG_Y, |o| o.up);
-        self.capture.as_ref().map_or_else(outline, Capture::up)
+        self.up.unwrap_or_else(|| self.capture.as_ref().map_or_else(outline, |capture| capture.scene.up()))
     }
 
-    /// The initial data of the page.
+    /// The initial data of the page. A point of the page times `unit`, less a model's `shift`, is a point of that model's file.
     pub fn description(&self, device: &str, control: bool) -> Value {
         let model = |m: &Model| {
             json!({
                 "name": m.name, "gaussians": m.gaussians.len(), "degree": m.gaussians.degree(),
                 "mode": m.style.mode().to_string(), "pruned_by": m.facts.as_ref().map(|f| f.selector.to_string()),
+                "shift": m.shift.to_array(),
             })
         };
         let up = self.upwards();
@@ -145,7 +146,7 @@ impl Subject {
                 let first = capture.split.test.first().copied().unwrap_or(0);
                 let camera = capture.camera(first);
                 let centre = capture.scene.centre(&(0..capture.scene.views.len()).collect::<Vec<_>>());
-                let target = camera.as_ref().map_or(centre, |c| sight(c, centre, &capture.scene));
+                let target = camera.as_ref().map_or(centre, |c| capture.scene.sight(c));
                 (camera.as_ref().map(pose), target)
             }
             (None, Some(outline)) => {
@@ -172,6 +173,7 @@ impl Subject {
             "title": self.title, "device": device, "control": control,
             "live": self.job != Job::Show, "checkpoints": self.job == Job::Run,
             "models": self.models.iter().map(model).collect::<Vec<_>>(),
+            "unit": self.capture.as_ref().map_or(1.0, |capture| capture.scene.unit),
             "background": self.background, "up": up.to_array(),
             "start": start, "target": target.to_array(), "cameras": cameras,
         })
@@ -183,13 +185,4 @@ impl Subject {
         let of_capture = self.capture.as_ref().map(|capture| capture.scene.near);
         of_capture.or(self.outline.as_ref().map(of_model)).unwrap_or(usual)
     }
-}
-
-/// The point about which a first camera turns: on its axis, at the distance of the other cameras' mean centre or of the
-/// points.
-fn sight(camera: &Camera, centre: DVec3, scene: &Scene) -> DVec3 {
-    let mut depths: Vec<f64> = scene.points.iter().map(|p| camera.depth(p.position)).filter(|z| *z > 0.0).collect();
-    let around = camera.depth(centre);
-    let depth = median(&mut depths).unwrap_or(if around > 0.0 { around } else { 1.0 });
-    camera.centre() + camera.rotation.row(2) * depth
 }

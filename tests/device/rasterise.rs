@@ -1,7 +1,7 @@
 //! The forward pass on the device, against golden pictures, another engine and the float64 twin.
 
 use crate::support::golden::{Case, Fixture};
-use crate::support::{Random, device, finish};
+use crate::support::{Random, device, finish, greatest_difference};
 use glam::{DVec2, DVec3};
 use qirf_vk::gaussians::{Gaussians, resident::Resident};
 use qirf_vk::gpu::Device;
@@ -259,8 +259,7 @@ fn the_twin_agrees_at_any_size() {
         }
         let tiles = bin(&from_the_corner, &camera, &settings);
         let drawn = rasterise(&from_the_corner, &tiles, &camera, &settings).image;
-        let naive = drawn.as_flattened().iter().zip(twin.composite.image.as_flattened());
-        let naive = naive.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+        let naive = greatest_difference(drawn.as_flattened(), twin.composite.image.as_flattened());
         println!("{name}: largest {naive:.1e} with positions from the corner");
         assert!(width < 1_000_000 || naive > 1e-3, "an origin in the middle is no longer needed");
     }
@@ -290,8 +289,7 @@ fn far_from_the_origin() {
     let mut rounded = camera.clone();
     rounded.translation = -(rounded.rotation * camera.centre().as_vec3().as_dvec3());
     let naive = reference::render(&reference::Params::from(&model), &rounded, &settings).composite.image;
-    let naive = naive.as_flattened().iter().zip(twin.composite.image.as_flattened());
-    let naive = naive.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+    let naive = greatest_difference(naive.as_flattened(), twin.composite.image.as_flattened());
     println!("far from the origin: largest {naive:.1e} with the centre rounded");
     assert!(naive > 10.0 * largest);
     finish(&device);

@@ -3,8 +3,7 @@
 use crate::support::{Random, device, finish};
 use glam::DVec3;
 use qirf_vk::effects::{Effect, untold};
-use qirf_vk::job::config::{Preset, RunConfig};
-use qirf_vk::job::{Session, Silent};
+use qirf_vk::job::{Preset, RunConfig, Session, Silent};
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::effects::{decide, try_out};
 use qirf_vk::pipeline::prepare::open;
@@ -20,8 +19,8 @@ fn found(effects: &[synth::Effect], wrong: f64) -> (f64, bool, String) {
     let scene = folder.path().join("scene");
     let options = SynthOptions {
         views: 48,
-        width: 96,
-        height: 72,
+        width: 64,
+        height: 48,
         points: 1500,
         effects: effects.to_vec(),
         ..Default::default()
@@ -34,7 +33,7 @@ fn found(effects: &[synth::Effect], wrong: f64) -> (f64, bool, String) {
         point.track.clear();
         point.error = 0.0;
     }
-    let start = Start::of(&config, &opened.scene, 96 * 72).unwrap();
+    let start = Start::of(&config, &opened.scene, 64 * 48).unwrap();
     let mut prepared = opened.load_to_train(PhotoMemory::default(), &Silent).unwrap();
     let (mut decisions, _) = decide(&prepared, &config).unwrap();
     assert!([Effect::Exposure, Effect::Poses].iter().all(|effect| untold(&decisions, *effect)), "{decisions:?}");

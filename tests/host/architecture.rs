@@ -14,7 +14,7 @@ const FLOORS: &[&[&str]] = &[
     &["primitives", "synth"],
     &["gaussians"],
     &["effects", "metrics", "render"],
-    &["response"],
+    &["depth_maps", "response"],
     &["edit", "qirf", "train"],
     &["reference"],
     &["job"],

@@ -1,17 +1,18 @@
 //! Depth maps as points: found by name, scaled by the capture's points, refused if they fit none.
 
+mod faces;
 mod numbers;
 
 use std::path::Path;
 
 use crate::support::files::writers::{Model, picture, write};
 use npyz::WriterBuilder;
+use qirf_vk::depth_maps::{self, DepthMaps};
 use qirf_vk::effects::{DepthEvidence, DepthWitness, Effect};
-use qirf_vk::pipeline::depth_maps::{self, DepthMaps};
 use qirf_vk::pipeline::effects::of_scene;
 use qirf_vk::scene::lens::LensModel;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
-use qirf_vk::synth::{Kind, SynthOptions, write as write_scene};
+use qirf_vk::synth::{SynthOptions, write as write_scene};
 
 const SIZE: [u32; 2] = [64, 48];
 
@@ -39,10 +40,14 @@ fn with_maps() -> (tempfile::TempDir, std::path::PathBuf) {
 }
 
 fn npy(path: &Path, value: impl Fn(u32, u32) -> f32) {
+    npy_of(path, SIZE, value);
+}
+
+fn npy_of(path: &Path, [width, height]: [u32; 2], value: impl Fn(u32, u32) -> f32) {
     let file = std::fs::File::create(path).unwrap();
-    let shape = [u64::from(SIZE[1]), u64::from(SIZE[0])];
+    let shape = [u64::from(height), u64::from(width)];
     let mut writer = npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd().unwrap();
-    writer.extend((0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y))).map(|(x, y)| value(x, y))).unwrap();
+    writer.extend((0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y))).unwrap();
     writer.finish().unwrap();
 }
 
@@ -157,6 +162,12 @@ fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
     {
         assert!(told.contains(part), "{told}");
     }
+    let decisions = of_scene(&open(folder.path())).unwrap().0;
+    let decision = decisions.into_iter().find(|d| d.name == Effect::Depth).unwrap();
+    assert_eq!((decision.on, decision.evidence.as_str()), (false, "no depth map can be used"));
+    let packed = folder_of_maps.join("a.npz");
+    std::fs::write(&packed, b"PK\x03\x04").unwrap();
+    assert_eq!(depth_maps::read::read(&packed, None).unwrap_err(), "is .npz, which is not read: save as .npy");
 }
 
 #[test]
@@ -183,31 +194,6 @@ fn negative_depths_are_told() {
     let DepthMaps { points, notes, evidence, .. } = maps_of(&mut open(folder.path()), &[0, 1, 2]);
     assert_eq!((evidence.maps, points.len()), (0, 0), "{notes:?}");
     assert!(notes[0].starts_with("3 depth maps not used: each holds only negative depths"), "{notes:?}");
-}
-
-/// Steps of whole numbers, and floats of 16 bits.
-#[test]
-fn numbers_of_maps_are_those_of_their_type() {
-    let header = |kind: &str| format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': (1, 2), }}");
-    let file = |kind: &str, values: [u16; 2]| {
-        let text = format!("{:117}\n", header(kind));
-        [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), values.map(u16::to_le_bytes).as_flattened()].concat()
-    };
-    for (kind, step, depths) in [
-        ("<u2", None, [1.5, 15.36]),
-        ("<u2", Some(0.01), [15.0, 153.6]),
-        ("<i2", None, [1.5, 15.36]),
-        ("<f2", None, [f32::from(half::f16::from_bits(1500)), 1.0]),
-    ] {
-        // The largest of its kind says that nothing was hit.
-        let least = if kind == "<i2" { 32767 } else { 65535 };
-        if kind != "<f2" {
-            assert_eq!(depth_maps::read::of_bytes(&file(kind, [1500, least]), step).unwrap().depths[1], 0.0, "{kind}");
-        }
-        let map = depth_maps::read::of_bytes(&file(kind, [1500, 15360]), step).unwrap();
-        let near = |(a, b): (&f32, f32)| (a / b - 1.0).abs() < 1e-6;
-        assert!(map.depths.iter().zip(depths).all(near), "{kind} {step:?}: {:?}", map.depths);
-    }
 }
 
 /// An EXR of 2 x 1 pixels with channels of these names, whose values are 1, 2, 3 and so on.
@@ -246,40 +232,6 @@ fn maps_may_lie_by_columns() {
     let file = [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), values.as_flattened()].concat();
     let map = depth_maps::read::of_bytes(&file, None).unwrap();
     assert_eq!((map.width, map.height, map.depths), (3, 2, vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0]));
-}
-
-/// Depths of panoramas lie along rays, and each face sees its part of them.
-#[test]
-fn faces_of_a_panorama_see_their_part_of_its_map() {
-    let folder = tempfile::tempdir().unwrap();
-    let options = SynthOptions {
-        kind: Kind::Panorama,
-        views: 3,
-        width: 256,
-        height: 128,
-        points: 300,
-        depth: true,
-        ..SynthOptions::default()
-    };
-    write_scene(folder.path(), &options, &|_| ()).unwrap();
-    let scene = open(folder.path());
-    let maps = depth_maps::of_views(&scene, &(0..18).collect::<Vec<_>>(), Resize::Full);
-    println!("{:?} {:?}", maps.evidence, maps.notes);
-    assert_eq!((maps.evidence.maps, maps.evidence.by), (3, DepthWitness::Points));
-    assert!(maps.evidence.deviation.is_some_and(|share| share < 0.015));
-    let (mut off, mut seen) = (Vec::new(), 0);
-    for point in &scene.points {
-        for view in point.track.iter().map(|v| &scene.views[*v as usize]) {
-            let Some([x, y]) = view.camera.pixel_of(point.position) else { continue };
-            let map = maps.of(&view.name).unwrap();
-            assert_eq!((map.width, map.height), (64, 64));
-            let depth = f64::from(map.depths[(y * 64 + x) as usize]) * map.unit;
-            seen += 1;
-            off.extend((depth > 0.0).then(|| (depth / view.camera.depth(point.position) - 1.0).abs()));
-        }
-    }
-    off.sort_by(f64::total_cmp);
-    assert!(off.len() > 40 && off[off.len() / 2] < 0.01, "{} of {seen}, {}", off.len(), off[off.len() / 2]);
 }
 
 /// A scene calls for the loss whose maps agree with its points.
@@ -397,13 +349,4 @@ fn single_depths_count_where_there_are_no_surfaces() {
     assert_eq!((counted(&scanner), scanner.at(4, 8)), (16 * 12, Some(3.5)));
     let surface = map(&|x, y| if (8..40).contains(&x) && (8..40).contains(&y) { 2.0 } else { 0.0 });
     assert_eq!(counted(&surface), 30 * 30);
-}
-
-/// The largest number of a kind says that nothing was hit, and no other of more bits.
-#[test]
-fn whole_numbers_beyond_sixteen_bits_are_depths() {
-    let text = format!("{:117}\n", "{'descr': '<u4', 'fortran_order': False, 'shape': (1, 3), }");
-    let bytes = [100_000_u32, 200_000, u32::MAX].map(u32::to_le_bytes);
-    let file = [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), bytes.as_flattened()].concat();
-    assert_eq!(depth_maps::read::of_bytes(&file, Some(1e-5)).unwrap().depths, [1.0, 2.0, 0.0]);
 }

@@ -6,11 +6,11 @@ mod dialects;
 mod instead;
 mod leftovers;
 mod lens;
+mod masks;
 mod panorama;
 mod places;
 mod shared;
 mod traps;
-mod under_masks;
 mod units;
 mod variants;
 mod wide;
@@ -189,8 +189,9 @@ fn missing_misshapen_and_damaged_photos_are_skipped_and_counted() {
     says(
         &skipped.summary().join("\n"),
         &[
-            "1 photo of another shape than the camera (c.png)",
-            "1 photo of another shape turned by 90°: EXIF rotation is",
+            "1 photo of another shape than the camera, 1 of these turned by 90° against its camera (c.png)",
+            "c.png is 48 x 64, but its camera in ",
+            " is 64 x 48: give the photos that were posed",
         ],
     );
     fs::remove_dir_all(&images).unwrap();

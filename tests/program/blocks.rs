@@ -1,7 +1,7 @@
 //! A scene trained in blocks by tasks: as good as in one piece, and the same bytes whatever happens on the way.
 
-use super::ended::{copy, end, works};
-use super::shard::{Stage, flip};
+use super::ended::{content, copy, end, works};
+use super::shard::{FINGERPRINT, Stage, flip};
 use crate::support::documented;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -96,26 +96,38 @@ fn blocks_have_the_same_bytes_whatever_happens() {
 
     // Killed again and again, blocks go on from their checkpoints.
     again("killed");
+    let foreign = b"another device's";
     let in_training = || {
-        let work = fs::read_dir(stage.path("killed/work")).into_iter().flatten().flatten();
-        work.map(|task| task.path().join("checkpoint.safetensors")).find(|checkpoint| checkpoint.exists())
+        let files = content(&stage.path("killed/work")).into_iter().filter(|(_, bytes)| bytes != foreign);
+        files.map(|(path, _)| path).filter(|path| path.ends_with("checkpoint.safetensors")).collect::<Vec<_>>()
     };
-    let (mut hit, mut at) = (BTreeSet::new(), 40);
+    let (mut hit, mut at, mut moved) = (BTreeSet::new(), 40, false);
     loop {
-        let mut all = stage.command(&["shard", "all", "killed"]);
+        let mut all = stage.command(&["shard", "all", "killed", "--mixed"]);
+        // After the first checkpoint as another device, which does not read it.
+        let fingerprint = if moved { "4567" } else { FINGERPRINT.1 };
         let fault = format!("submit:{at}:kill");
-        let ended = end(all.env("QIRF_DEVICE_FAULT", fault));
+        let ended = end(all.env(FINGERPRINT.0, fingerprint).env("QIRF_DEVICE_FAULT", fault));
         at += 25; // a task without a checkpoint must end at some time
         if ended.code.is_some() {
             ended.with(0, &[]);
             break;
         }
-        hit.extend(in_training());
+        let checkpoints = in_training();
+        if moved {
+            hit.extend(checkpoints);
+        } else {
+            moved = !checkpoints.is_empty();
+            for checkpoint in &checkpoints {
+                fs::write(checkpoint, foreign).unwrap();
+            }
+        }
     }
     assert!(hit.len() >= 3, "kills hit {hit:?} alone");
     stage.is_right("killed");
     let told = stage.works(&["shard", "verify", "killed", "--share", "0.3"]).out;
-    assert!(told.contains("done again: the same bytes"), "{told}");
+    assert!(told.contains("repeated: the same bytes"), "{told}");
+    assert!(content(&stage.path("killed/work")).is_empty(), "a verification leaves nothing to continue from");
 }
 
 #[test]
@@ -148,7 +160,7 @@ fn blocks_do_not_depend_on_the_unit_of_length() {
         fs::write(model("km").join(file), text.lines().map(scaled).collect::<Vec<_>>().join("\n")).unwrap();
     }
     let scored = |scene: &str, folder: &str| {
-        stage.planned(folder, &["run", scene, "--blocks", "2", "--iterations", "60"]);
+        stage.planned(folder, &["run", scene, "--blocks", "2", "--iterations", "60", "--grow-to", "300"]);
         stage.works(&["shard", "all", folder]);
         psnr(&figures(&stage, folder))
     };
@@ -157,6 +169,9 @@ fn blocks_do_not_depend_on_the_unit_of_length() {
     let of_m = scored("m", "a");
     // Coordinates round differently; training in the capture's own unit is 0.2 dB off.
     assert!((of_km - of_m).abs() < 0.03, "{of_km} dB in kilometres, {of_m} dB in metres");
+    // Of the 600 points, of which there are more than the run grows to.
+    let prune = &figures(&stage, "a")["prune"];
+    assert!(prune["iteration"] == 30 && prune["after"] == 168, "{prune}");
 }
 
 /// A short run's coarse model lacks bands, which some blocks add.
@@ -174,6 +189,8 @@ fn damaged_blocks_and_lost_photos_are_named() {
     let options = ["--iterations", "60", "--no-prune"];
     let (stage, tasks) = planned(&options);
     assert_eq!(tasks.len(), 1 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 3 + 1 + 1 + 1, "nothing is chosen");
+    stage.refused(3, &["assign is not done; run `qirf-vk shard task a assign`"], &["shard", "task", "a", "dense/0001"]);
+    stage.refused(3, &["task coarse is not done", "shard task a coarse"], &["shard", "task", "a", "assign"]);
     stage.works(&["shard", "all", "a"]);
     // A state, figures, a model, notes beside a state and beside a model, a block's result, and scores.
     for (file, id, reader, written) in [

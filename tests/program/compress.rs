@@ -6,10 +6,10 @@ use crate::support::{device, finish};
 use qirf_vk::gaussians::{Gaussians, formats};
 use qirf_vk::job::config::PruneRule;
 use qirf_vk::job::{Error, Session, Watcher};
+#[cfg(unix)]
+use qirf_vk::lab::curve::peer::Peer;
 use qirf_vk::metrics::Networks;
 use qirf_vk::pipeline::compress::fit::Target;
-#[cfg(unix)]
-use qirf_vk::pipeline::compress::peer::Peer;
 use qirf_vk::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use qirf_vk::pipeline::virtual_views::VirtualCameras;
 use qirf_vk::qirf::select::Selector;

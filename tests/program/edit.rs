@@ -1,6 +1,7 @@
 //! `edit`: operations in order, what they leave, what they refuse.
 
 use super::cli::{Sandbox, model};
+use super::ended::Ended;
 use crate::support::documented;
 use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::gaussians::{Gaussians, sh};
@@ -271,9 +272,19 @@ fn floaters_go_by_what_photos_show() {
     let alone = clean("dirty.ply", &[]);
     let removed = alone["steps"][0]["removed"].as_u64().unwrap();
     assert!((1..=4).contains(&removed), "{alone:#}");
-    let said = sandbox.works(&["edit", "dirty.ply", "--count-only", "--remove", "floaters"]).out;
-    assert!(said.contains("near one camera only") && !said.contains("photo"), "{said}");
+    let Ended { out, said, .. } = sandbox.works(&["edit", "dirty.ply", "--count-only", "--remove", "floaters"]);
+    assert!(out.contains("close to a single camera") && !out.contains("photo"), "{out}");
+    assert!(said.contains("--scene finds them"), "{said}");
     sandbox.fails(3, &["edit", "ball.ply", "-o", "o.ply", "--remove", "floaters", "--scene", "absent"], &["absent"]);
+    // No Gaussian is to blame for the photos' exposures.
+    for (i, gain) in [0.7, 1.2].into_iter().cycle().take(9).enumerate() {
+        let photo = sandbox.path("round/images").join(format!("v{i}.png"));
+        let mut picture = image::open(&photo).unwrap().into_rgb8();
+        picture.iter_mut().for_each(|value| *value = (f32::from(*value) * gain).round() as u8);
+        picture.save(&photo).unwrap();
+    }
+    assert_eq!(clean("ball.ply", &scene)["steps"][0]["removed"], 0, "a model that agrees but for exposures");
+    assert_eq!(clean("dirty.ply", &scene)["steps"][0]["ranges"].to_string(), "[[400,403]]");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crate::support::shared;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::formats;
 use qirf_vk::glam::{DVec2, DVec3};
-use qirf_vk::pipeline::virtual_views::VirtualCameras;
+use qirf_vk::pipeline::virtual_views::{VirtualCameras, VirtualViews};
 use qirf_vk::random::Random;
 use qirf_vk::render::Style;
 use qirf_vk::scene::camera::Camera;
@@ -66,7 +66,7 @@ fn planted_floaters_go_and_the_models_stay() {
 /// Floaters of the three kinds, one after the other, in the pictures of the model's virtual cameras: 0.2 to 3 % of the median depth in
 /// size, opacities of 0.27 to 0.95, any colour.
 fn floaters(model: &Gaussians) -> Gaussians {
-    let (cameras, _) = VirtualCameras::default().views(model, [0.0; 3], Style::default());
+    let VirtualViews { around: cameras, .. } = VirtualCameras::default().views(model, [0.0; 3], Style::default());
     let medians: Vec<f64> = cameras.iter().map(|camera| median_depth(model, camera)).collect();
     let mut random = Random(1);
     let mut floaters = Gaussians::zeroed(PLANTED, model.degree());

@@ -132,7 +132,7 @@ fn a_finished_run_is_left_as_it_is() {
     let foreign = folder.path().join("foreign");
     std::fs::create_dir(&foreign).unwrap();
     std::fs::copy(out.join("model.ply"), foreign.join("model.ply")).unwrap();
-    says(&mut command(&scene, &foreign, &[]), 2, &["foreign/model.ply is of no run"]);
+    says(&mut command(&scene, &foreign, &[]), 2, &["foreign/model.ply does not belong to a run"]);
     let mut compare = qirf(["compare".as_ref(), scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);
     says(&mut compare, 2, &["holds a run and its figures"]);
     let (model, renders) = (out.join("model.ply"), out.join("renders"));

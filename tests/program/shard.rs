@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 /// Options of the compression: 34 views in three chunks, 6 held out.
 const OPTIONS: [&str; 6] = ["--views", "40", "--size", "72x56", "--background", "0.1,0.2,0.3"];
 /// A fingerprint that stands in for the device's, which takes seconds to compute.
-const FINGERPRINT: (&str, &str) = ("QIRF_FINGERPRINT", "0123");
+pub(super) const FINGERPRINT: (&str, &str) = ("QIRF_FINGERPRINT", "0123");
 
 /// A task's name, with the files that it needs and writes.
 pub(super) type Listed = (String, Vec<String>, Vec<String>);
@@ -220,6 +220,9 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     stage.works(&[
         "shard", "plan", "compress", "ball.ply", "-o", "b", "--views", "40", "--size", "72x56", "--keep", "0.3",
     ]);
+    let job = ["shard", "plan", "compress", "ball.ply", "-o", "c", "--selector", "css", "--detail", "0.9"];
+    let said = stage.works(&[&job[..], &OPTIONS].concat()).said;
+    assert!(said.contains("--detail 0.9 would reserve ") && said.contains(" are reserved, a fifth of the "), "{said}");
     fs::create_dir(stage.path("b/evidence")).unwrap();
     for n in ["0000", "0001", "0002"] {
         let part = format!("evidence/{n}.safetensors");
@@ -247,25 +250,44 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     stage.refused(3, &["plan.json", "not a plan"], &["shard", "status", "b"]);
 }
 
+/// Changes the content of a file of a task, and mends its seal.
+fn reseal(path: &Path, change: impl FnOnce(&mut Value)) {
+    let mut sealed: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+    change(&mut sealed["content"]);
+    sealed.as_object_mut().unwrap().remove("crc32");
+    sealed["crc32"] = crc(sealed.to_string().as_bytes()).into();
+    fs::write(path, serde_json::to_vec_pretty(&sealed).unwrap()).unwrap();
+}
+
+fn crc(bytes: &[u8]) -> u32 {
+    let mut crc = flate2::Crc::new();
+    crc.update(bytes);
+    crc.sum()
+}
+
 /// A wrong result that looks right: its seal is mended.
 #[test]
 fn work_is_verified_by_doing_it_again() {
     let stage = Stage::new();
     stage.plan("v");
+    stage.refused(3, &["choose is not done; run `qirf-vk shard task v choose`"], &["shard", "task", "v", "report"]);
     stage.works(&["shard", "all", "v"]);
     let told = stage.works(&["shard", "verify", "v", "--share", "1"]).out;
-    assert!(told.contains("5 tasks of 5 done again: the same bytes"), "{told}");
+    assert!(told.contains("5 tasks of 5 repeated: the same bytes (report is not repeated"), "{told}");
 
     let path = stage.path("v/score/0000.json");
-    let mut sealed: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
-    sealed["content"][0]["scores"]["pruned"]["ssim"] = 0.123.into();
-    sealed.as_object_mut().unwrap().remove("crc32");
-    let mut crc = flate2::Crc::new();
-    crc.update(sealed.to_string().as_bytes());
-    sealed["crc32"] = crc.sum().into();
-    fs::write(&path, serde_json::to_vec_pretty(&sealed).unwrap()).unwrap();
+    reseal(&path, |scores| scores[0]["scores"]["pruned"]["ssim"] = 0.123.into());
     assert_eq!(stage.status("v", "score/0000"), "done", "the seal holds");
     stage.refused(3, &["score/0000.json", "1 of 5 tasks gave other bytes"], &["shard", "verify", "v", "--share", "1"]);
+
+    // Both files of a task differ.
+    fs::remove_file(&path).unwrap();
+    let model = stage.path("v/model.ply");
+    flip(&model, fs::metadata(&model).unwrap().len() as usize / 2);
+    let sum = crc(&fs::read(&model).unwrap());
+    reseal(&stage.path("v/prune.json"), |notes| notes["model_crc32"] = sum.into());
+    let says = ["1 of 4 tasks gave other bytes, choose first: ", "model.ply, ", "prune.json; delete these files"];
+    stage.refused(3, &says, &["shard", "verify", "v", "--share", "1"]);
 }
 
 /// With photos as with own pictures; and a task decodes only the photos that it needs.

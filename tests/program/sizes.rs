@@ -174,7 +174,8 @@ fn every_format_reaches_a_psnr() {
         assert!(reaches(&&aim["chosen"]), "{name}, {format}: {aim:#}");
         let fewest = tried.iter().filter(reaches).map(|file| file["bytes"].as_u64().unwrap()).min();
         assert_eq!(fewest, aim["chosen"]["bytes"].as_u64(), "{name}, {format}: {aim:#}");
-        assert!(tried.len() <= 12, "{name}, {format}: {aim:#}");
+        // Few Gaussians get six more files, and a PSNR that is still far off four.
+        assert!(tried.len() <= 22, "{name}, {format}: {aim:#}");
     }
 }
 

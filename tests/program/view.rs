@@ -10,10 +10,12 @@ mod session;
 mod speed;
 
 use super::compress::ball;
-use super::ended::{qirf, works};
+use super::ended::{copy, qirf, works};
 use qirf_vk::gaussians::formats::{self, RenderMode};
+use qirf_vk::glam::DVec3;
 use qirf_vk::synth::{SynthOptions, write};
 use qirf_vk::view::protocol::Figure;
+use serde_json::json;
 use session::{Viewer, pose, request};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -43,6 +45,15 @@ pub fn scene() -> &'static Path {
 /// A file beside the scene.
 pub fn beside(name: &str) -> String {
     scene().with_file_name(name).display().to_string()
+}
+
+/// The model in a file of this folder whose means count from the local origin (x, 0, 0).
+fn counted_from(x: f64, folder: &Path) -> String {
+    let path = folder.join(format!("from_{x}.ply"));
+    let mut model = formats::read(Path::new(&beside("model.ply"))).unwrap().gaussians;
+    model.shift(DVec3::new(-x, 0.0, 0.0));
+    formats::write_at(&path, &model, RenderMode::default(), [x, 0.0, 0.0]).unwrap();
+    path.display().to_string()
 }
 
 /// A viewer of the model with the scene's photos.
@@ -104,6 +115,28 @@ fn every_kind_of_picture_is_drawn() {
 }
 
 #[test]
+fn models_with_local_origins_lie_in_one_world() {
+    let folder = tempfile::tempdir().unwrap();
+    let [first, second] = [2.0, 12.0].map(|x| counted_from(x, folder.path()));
+    let viewer = Viewer::start(&["view", &first, "--against", &second]);
+    let description = viewer.json("/scene.json");
+    let shifts = [0_usize, 1].map(|m| description["models"][m]["shift"].clone());
+    assert_eq!(shifts, [json!([0.0, 0.0, 0.0]), json!([10.0, 0.0, 0.0])]);
+    let (header, _) = viewer.socket().picture(&pose(r#""picture":"error","still":true"#, 1));
+    assert!(matches!(header.figure, Figure::Psnr(db) if db > 50.0), "{:?}", header.figure);
+    let viewer = Viewer::start(&["view", &second, "--scene", &scene().display().to_string()]);
+    let description = viewer.json("/scene.json");
+    assert_eq!((&description["models"][0]["shift"], &description["unit"]), (&json!([12.0, 0.0, 0.0]), &json!(1.0)));
+}
+
+#[test]
+fn an_up_axis_is_the_users_or_that_of_the_photos() {
+    let up = |more: &[&str]| viewer(more).json("/scene.json")["up"].clone();
+    assert_eq!(up(&["--up", "z"]), json!([0.0, 0.0, 1.0]));
+    assert_eq!(up(&["--up", "auto"]), up(&[]));
+}
+
+#[test]
 fn the_newest_wish_wins_and_two_frames_are_in_flight_at_most() {
     let viewer = viewer(&[]);
     let mut socket = viewer.socket();
@@ -142,6 +175,18 @@ fn a_capture_alone_shows_its_points_and_a_run_its_scores() {
     let cameras = description["cameras"].as_array().unwrap();
     let scored: Vec<_> = cameras.iter().filter(|c| c["psnr"].is_number()).collect();
     assert_eq!((cameras.len(), scored.len(), scored[0]["held_out"].as_bool()), (5, 1, Some(true)));
+}
+
+#[test]
+fn a_capture_without_points_shows_its_cameras() {
+    let folder = tempfile::tempdir().unwrap();
+    copy(scene(), folder.path());
+    fs::write(folder.path().join("sparse/0/points3D.txt"), "").unwrap();
+    let viewer = Viewer::start(&["view", &folder.path().display().to_string()]);
+    let description = viewer.json("/scene.json");
+    let cameras = description["cameras"].as_array().unwrap().len();
+    assert_eq!((&description["models"][0]["gaussians"], cameras), (&json!(0), 5));
+    viewer.socket().picture(&pose("", 1));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Small runs on synthetic scenes.
 
 use qirf_vk::effects::Overrides;
-use qirf_vk::job::config::{Preset, RunConfig};
+use qirf_vk::job::{Preset, RunConfig};
 use std::path::Path;
 
 /// A dense run of the quick preset on a scene's own photos, without effects, checkpoints and prunes.

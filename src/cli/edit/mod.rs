@@ -20,6 +20,7 @@ use crate::pipeline::place::seen;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::scene::OpenOptions;
 use crate::wording::counted;
+use clap::Arg;
 use glam::DVec3;
 use operations::{Asked, Operation, Operations};
 use serde_json::{Value, json};
@@ -35,8 +36,14 @@ const EXAMPLES: &str = "Examples:
 
 Operations apply in the order of the command line, to all models as one. View-dependent colours rotate with the model.";
 
+/// The help of `--antialias`, which sets the tag of the written file here.
+const ANTIALIAS: &str = "Render mode that the written file is tagged with: anti-aliased (on) or plain (off). Pictures for --remove floaters \
+    are drawn in this mode; without a value, on; true and false stand for on and off [default: as the model's file says]";
+
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
+#[command(mut_arg("antialias", |arg| arg.help(ANTIALIAS)))]
+#[command(mut_arg("dilation", |arg| of_floaters(arg)), mut_arg("depth_order", |arg| of_floaters(arg)))]
 pub(super) struct Arguments {
     /// Models: .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz files, or SOG folders; several become one
     #[arg(value_name = "IN", required = true)]
@@ -66,6 +73,12 @@ pub(super) struct Arguments {
     resolution: Option<String>,
     #[command(flatten)]
     rendering: Rendering,
+}
+
+/// An option of rendering, for pictures that show floaters.
+fn of_floaters(option: Arg) -> Arg {
+    let help = option.get_help().map(ToString::to_string).unwrap_or_default();
+    option.help(format!("For --remove floaters only. {help}")).help_heading("Floaters")
 }
 
 impl Arguments {
@@ -196,6 +209,9 @@ impl Arguments {
         let removed = found.iter().flatten().count();
         if let Some(warning) = floater_warning(removed, found.len(), self.scene.is_some()) {
             console.warn(warning);
+        } else if self.scene.is_none() {
+            console
+                .note("without photos, most large floaters and groups of them stay; --scene finds them by the photos");
         }
         let why = if self.scene.is_some() { counts.to_string() } else { counts.without_photos() };
         Ok(editor.remove(&found, &asked.name, &why))

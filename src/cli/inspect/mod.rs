@@ -73,7 +73,7 @@ impl Arguments {
 
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let value = if is_scene(&self.path) {
-            scene::describe(&self.path, &self.options(), self.html.as_deref())?
+            scene::describe(&self.path, &self.options(), self.html.as_deref()).map_err(|e| unfinished(&self.path, e))?
         } else if let Some(option) = self.of_scenes() {
             return Err(Error::Usage(format!("{option} needs a scene, but {} is a model", self.path.display())));
         } else {
@@ -93,6 +93,20 @@ pub(super) fn is_run(path: &Path) -> bool {
     ["config.toml", "model.ply"].iter().all(|file| path.join(file).is_file())
 }
 
+/// The error of a path that holds neither the expected scene nor the expected model: a run that has not finished explains it.
+pub(super) fn unfinished(path: &Path, error: Error) -> Error {
+    let begun = path.join("config.toml").is_file() && !is_run(path);
+    match error {
+        Error::Scene(crate::scene::Error::NoScene { .. }) | Error::Gaussians(gaussians::Error::Unsupported { .. })
+            if begun =>
+        {
+            let what = "it is the folder of a run that has not finished; continue it with `run --resume`, or watch it with `run --view`";
+            crate::scene::Error::Instead { path: path.to_owned(), what: what.to_owned() }.into()
+        }
+        other => other,
+    }
+}
+
 /// Reads a model; refuses devices and pipes, which may never end.
 fn read(path: &Path) -> Result<Loaded, Error> {
     let data = std::fs::metadata(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
@@ -103,7 +117,7 @@ fn read(path: &Path) -> Result<Loaded, Error> {
         (gaussians::Error::Unsupported { .. }, Some(what)) if data.is_file() => {
             crate::scene::Error::Instead { path: path.to_owned(), what }.into()
         }
-        (error, _) => error.into(),
+        (error, _) => unfinished(path, error.into()),
     })
 }
 
@@ -118,7 +132,7 @@ pub(super) fn read_model(path: &Path, console: &Console) -> Result<Loaded, Error
 
 /// Opens a scene, whose photos may be absent, and warns of what its readers left out.
 pub(super) fn open_scene(path: &Path, options: &OpenOptions, console: &Console) -> Result<Scene, Error> {
-    let scene = Scene::open(path, options)?;
+    let scene = Scene::open(path, options).map_err(|e| unfinished(path, e.into()))?;
     for line in scene.skipped.summary() {
         console.warn(format_args!("{}: {line}", path.display()));
     }

@@ -87,7 +87,7 @@ fn page(scene: &Scene, test: &[usize], doubts: &Doubts, file: &Path) -> Result<(
         doubts.misfits.iter().map(|(name, _)| name).chain(&doubts.apart).map(String::as_str).collect();
     let model = capture::model(scene, test, &marked);
     let title = scene.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let options = PageOptions { title, ..PageOptions::default() };
+    let options = PageOptions { title, up: scene.up(), near: Some(scene.near), ..PageOptions::default() };
     let page = alone::page(&model, &options, file).map_err(Error::writing)?;
     Output::text(file, &page)
 }

@@ -9,6 +9,7 @@ mod bytes;
 mod fault;
 mod georeference;
 mod gltf;
+mod gzip;
 mod ksplat;
 mod limit;
 mod linear;
@@ -27,11 +28,11 @@ mod weight;
 mod write;
 
 use crate::extension::{extension, has_extension};
+use std::borrow::Cow;
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use flate2::bufread::GzDecoder;
 use serde::Serialize;
 
 use super::{Error, Gaussians};
@@ -177,14 +178,22 @@ pub fn read_bytes(bytes: &[u8], name: &Path) -> Result<Loaded, Error> {
 
 /// Reads a model as [`read_bytes`] does; `folder` holds the files that a `.gltf` may name.
 fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded, Error> {
-    let extension = extension(name);
+    let zipped = bytes.starts_with(&gzip::MAGIC) && !spz::is_inside(bytes);
+    let inner = if zipped && has_extension(name, &["gz"]) { name.with_extension("") } else { name.to_owned() };
+    let contents: Result<Cow<'_, [u8]>, Fault> =
+        if zipped { unzipped(bytes).map(Cow::Owned) } else { Ok(Cow::Borrowed(bytes)) };
+    let parsed = contents.and_then(|bytes| parsed(&bytes, &extension(&inner), folder));
+    parsed.map(finish).map_err(|fault| fault.at(name))
+}
+
+/// Parses a file that is not packed, by its content first and by its name's extension second.
+fn parsed(bytes: &[u8], extension: &str, folder: Option<&Path>) -> Result<Parsed, Fault> {
     let bytes = match bytes {
-        [0xef, 0xbb, 0xbf, text @ ..] if ["ply", "usda", "usd", "gltf"].contains(&&*extension) => text,
+        [0xef, 0xbb, 0xbf, text @ ..] if ["ply", "usda", "usd", "gltf"].contains(&extension) => text,
         _ => bytes,
     };
-    let parsed = match bytes {
+    match bytes {
         [b'p', b'l', b'y', b'\r' | b'\n', ..] => ply::read(bytes),
-        [0x1f, 0x8b, ..] if !spz::is_inside(bytes) => return read_with(&unzipped(bytes, name)?, &name.with_extension(""), folder),
         [0x1f, 0x8b, ..] | [b'N', b'G', b'S', b'P', ..] => spz::read(bytes),
         [b'P', b'K', 3 | 5, 4 | 6, ..] if extension == "usdz" => usd::read_package(bytes),
         [b'P', b'K', 3 | 5, 4 | 6, ..] => sog::read_bundle(bytes),
@@ -192,7 +201,7 @@ fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded,
         [b'P', b'X', b'R', b'-', b'U', b'S', b'D', b'C', ..] => Err(usd::binary()),
         [b'g', b'l', b'T', b'F', ..] => gltf::read(bytes, folder),
         [] => Err(fault::malformed("byte 0", "the file is empty; fetch or export it again")),
-        _ => match extension.as_str() {
+        _ => match extension {
             "ply" => Err(fault::malformed("header", not_a_ply(bytes))),
             "spz" => Err(fault::malformed("header", "neither gzip nor NGSP at byte 0 as SPZ needs; check the file")),
             "sog" => Err(fault::malformed("header", "a bundled SOG is a zip archive, this is not; check the file")),
@@ -208,8 +217,7 @@ fn read_with(bytes: &[u8], name: &Path, folder: Option<&Path>) -> Result<Loaded,
                     .into(),
             )),
         },
-    };
-    parsed.map(finish).map_err(|fault| fault.at(name))
+    }
 }
 
 /// The fault of a file that is called a PLY and does not begin like one.
@@ -222,23 +230,21 @@ fn not_a_ply(bytes: &[u8]) -> String {
 }
 
 /// The contents of a gzip file that is no SPZ.
-fn unzipped(bytes: &[u8], name: &Path) -> Result<Vec<u8>, Error> {
+fn unzipped(bytes: &[u8]) -> Result<Vec<u8>, Fault> {
     let most = limit::most(bytes.len());
     let mut contents = Vec::new();
-    let ended = GzDecoder::new(bytes).take(most + 1).read_to_end(&mut contents);
+    let ended = gzip::Members::new(bytes).take(most + 1).read_to_end(&mut contents);
     match ended {
         Ok(_) if contents.len() as u64 > most => {
             let what = format!(
                 "{} bytes of gzip that unpack to more than {most}; unpack them if you trust the file",
                 bytes.len()
             );
-            Err(fault::malformed("byte 0", what).at(name))
+            Err(fault::malformed("byte 0", what))
         }
-        Ok(_) if !contents.starts_with(&[0x1f, 0x8b]) => Ok(contents),
-        Ok(_) => Err(fault::malformed("byte 0", "compressed by gzip twice; unpack it once").at(name)),
-        Err(e) => {
-            Err(fault::malformed("byte 0", format!("compressed by gzip, and damaged: {e}; fetch it again")).at(name))
-        }
+        Ok(_) if !contents.starts_with(&gzip::MAGIC) => Ok(contents),
+        Ok(_) => Err(fault::malformed("byte 0", "compressed by gzip twice; unpack it once")),
+        Err(e) => Err(fault::malformed("byte 0", format!("compressed by gzip, and damaged: {e}; fetch it again"))),
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::gpu::choose::properties::{Candidate, Report};
 use crate::gpu::choose::visible::{Named, Visibility, visibility};
 use crate::gpu::error::{During, Error};
-use crate::gpu::harness::imitation::{Claim, Limits};
+use crate::gpu::harness::{Claim, Limits};
 use crate::gpu::info::DeviceInfo;
 use crate::gpu::instance::Instance;
 

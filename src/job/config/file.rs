@@ -38,6 +38,10 @@ pub const KEYS: [&str; 26] = [
     "tuning",
 ];
 
+/// Tables with exactly one key, and the keys that there are.
+const ONE_OF: [(&str, &str); 2] =
+    [("prune.compression.keep", "share, count and paper"), ("prune.compression.basis.partition", "adaptive and paper")];
+
 /// The keys of a style, which serde reads without their lines where they are flattened into a configuration.
 #[derive(Deserialize)]
 struct StyleKeys {
@@ -49,12 +53,19 @@ struct StyleKeys {
     _dilation: Option<f32>,
 }
 
-/// Refuses an unknown key before a missing one is noticed, which is what a misspelt key comes to; and a style's key of the
-/// wrong type with its line.
+/// Refuses an unknown key before a missing one is noticed, which is what a misspelt key comes to; several keys where one
+/// is chosen; and a style's key of the wrong type with its line.
 fn check_keys(text: &str) -> Result<(), String> {
     let table: toml::Table = text.parse().map_err(|e: toml::de::Error| told(&e))?;
     if let Some(key) = table.keys().find(|key| !KEYS.contains(&key.as_str())) {
         return Err(format!("unknown field `{key}`; the fields are {}", KEYS.join(", ")));
+    }
+    let whole = toml::Value::Table(table);
+    for (field, keys) in ONE_OF {
+        let chosen = field.split('.').try_fold(&whole, |value, key| value.get(key)).and_then(toml::Value::as_table);
+        if chosen.is_some_and(|chosen| chosen.len() != 1) {
+            return Err(format!("{field}: write one of {keys}"));
+        }
     }
     toml::from_str::<StyleKeys>(text).map(|_| ()).map_err(|e| told(&e))
 }
@@ -259,5 +270,13 @@ mod tests {
         assert!(error.starts_with("unknown field `sead`"), "{error}");
         let error = check_keys(&text.replace("antialias = true", "antialias = 3")).unwrap_err();
         assert!(error.contains("line 7") && error.contains("expected a boolean"), "{error}");
+        for (table, says) in [
+            ("[effects]\npopping = \"on\"", "'popping' is not an effect; possible values: view_dependence, "),
+            ("[prune.compression.keep]\nshare = 0.28\ncount = 100", "keep: write one of share, count and paper"),
+            ("[prune.compression.basis]\npartition = {}", "partition: write one of adaptive and paper"),
+        ] {
+            let error = RunConfig::parse(&format!("{text}\n{table}\n")).unwrap_err();
+            assert!(error.contains(says) && !error.contains("cameras"), "{error}");
+        }
     }
 }

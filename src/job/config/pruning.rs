@@ -3,7 +3,7 @@
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
-use crate::qirf::select::budget::{Budget, Keep};
+use crate::qirf::select::budget::{Budget, Keep, MOST_DETAIL};
 use crate::qirf::study::Basis;
 use crate::train::attrition::Attrition;
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ pub struct PruneRule {
     pub budget: Budget,
     /// Number or share to keep.
     pub keep: Keep,
-    /// Share of all Gaussians that the detail safeguard keeps.
+    /// Share of all Gaussians that the detail safeguard keeps; except by [`Keep::Paper`], at most a fifth of those kept.
     pub detail: f64,
     /// True if dropped Gaussians are merged into kept ones where that reduces a block's error.
     pub merge: bool,
@@ -50,6 +50,19 @@ impl PruneRule {
             basis: Basis { partition: Partition::PAPER, solver: Eigensolver::Dsygvd, ..Basis::default() },
             ..Self::default()
         }
+    }
+
+    /// A note if a prune that keeps `keep` of `n` Gaussians reserves fewer for detail than this rule names, unless that is
+    /// the default.
+    pub fn detail_note(&self, keep: Keep, n: usize) -> Option<String> {
+        let kept = keep.count(n);
+        let (asked, most) = ((self.detail * n as f64) as usize, kept / MOST_DETAIL);
+        let limited = self.selector != Selector::Pairs && !matches!(keep, Keep::Paper { .. });
+        let told = limited && asked > most && self.detail != Self::default().detail;
+        let share = self.detail;
+        told.then(|| {
+            format!("--detail {share} would reserve {asked} Gaussians; {most} are reserved, a fifth of the {kept} kept")
+        })
     }
 }
 
@@ -183,6 +196,18 @@ mod tests {
             })
             .product();
         assert!((share - 0.28).abs() < 1e-12);
+    }
+
+    #[test]
+    fn reduced_detail_is_told_unless_it_is_the_default() {
+        let rule = |detail, selector| PruneRule { selector, detail, ..PruneRule::default() };
+        let note = |detail, keep| rule(detail, Selector::Css).detail_note(keep, 5000);
+        let told = note(0.9, Keep::Share(0.28)).unwrap();
+        assert!(told.contains("4500 Gaussians; 280 are reserved, a fifth of the 1400 kept"), "{told}");
+        for (detail, keep) in [(0.056, Keep::Share(0.28)), (0.05, Keep::Count(50)), (0.9, Keep::Paper { kappa: 0.2 })] {
+            assert_eq!(note(detail, keep), None);
+        }
+        assert_eq!(rule(0.9, Selector::Pairs).detail_note(Keep::Share(0.28), 5000), None);
     }
 
     #[test]

@@ -108,7 +108,8 @@ fn pruning(p: &Pruning) -> Result<(), String> {
         within("prune.l2_from", from, &SHARE)?;
     }
     if let Some(a) = &p.attrition {
-        within("prune.attrition.until", a.until, &SHARE)?;
+        let begins = p.at.first().copied().unwrap_or_default();
+        within("prune.attrition.until (it begins at prune.at)", a.until, &(begins..=1.0))?;
         within("prune.attrition.opacity_rate", a.opacity_rate, &POSITIVE)?;
         within("prune.attrition.faint", a.faint, &SHARE)?;
     }
@@ -141,8 +142,8 @@ fn compression(c: &PruneRule) -> Result<(), String> {
         }
         Partition::Adaptive { mean, least, most } => {
             within(&format!("{field}.adaptive.mean"), mean, &(1..=MOST_GAUSSIANS))?;
-            within(&format!("{field}.adaptive.least"), least, &(0..=MOST_GAUSSIANS))?;
-            within(&format!("{field}.adaptive.most"), most, &BLOCK)
+            within(&format!("{field}.adaptive.most"), most, &BLOCK)?;
+            within(&format!("{field}.adaptive.least (at most mean and most)"), least, &(0..=mean.min(most)))
         }
     }
 }
@@ -181,9 +182,13 @@ mod tests {
         let raw =
             pruned(|p| (p.compression.basis.solver, p.compression.basis.overlap) = (Eigensolver::Device, Overlap::Raw));
         assert!(raw.contains("overlap = \"raw\"") && raw.contains("low-rank"), "{raw}");
-        let most = 1_000_000;
-        let partition = Partition::Adaptive { mean: 48, least: 8, most };
-        assert!(with(&|c| c.prune.iter_mut().for_each(|p| p.compression.basis.partition = partition)).contains("8000"));
+        for (mean, least, most, says) in [(48, 8, 1_000_000, "8000"), (4, 8, 128, "0 to 4"), (48, 20, 16, "0 to 16")] {
+            let partition = Partition::Adaptive { mean, least, most };
+            let refused = with(&|c| c.prune.iter_mut().for_each(|p| p.compression.basis.partition = partition));
+            assert!(refused.ends_with(says), "{refused}");
+        }
+        let until = pruned(|p| p.attrition.iter_mut().for_each(|a| a.until = 0.4));
+        assert!(until.starts_with("prune.attrition.until") && until.ends_with("= 0.4: write a number from 0.5 to 1"));
         assert!(with(&|c| c.schedule.iterations = 0).contains("schedule.iterations = 0: write a number from 1"));
         assert!(with(&|c| c.schedule.position_rate = -1.0).contains("position_rate = -1"));
         assert!(with(&|c| c.max_gaussians = usize::MAX).contains("max_gaussians"));

@@ -3,9 +3,11 @@
 use super::aim::{Aim, Point};
 use super::prune::PruneRecord;
 use super::run::Memory;
+use crate::gaussians::Gaussians;
 use crate::gaussians::formats::Precision;
 use crate::gpu::TunedDevice;
 use crate::job::config::PruneRule;
+use crate::job::output::bytes_on_disk;
 use crate::metrics::{Scores, mean};
 use crate::render::Style;
 use serde::{Deserialize, Serialize, Serializer};
@@ -103,6 +105,13 @@ pub struct ModelFile {
     pub gaussians: usize,
     /// Degree of the spherical harmonics.
     pub sh_degree: usize,
+}
+
+impl ModelFile {
+    /// A model and its file.
+    pub fn of(path: &Path, model: &Gaussians) -> Self {
+        Self { path: path.to_owned(), bytes: bytes_on_disk(path), gaussians: model.len(), sh_degree: model.degree() }
+    }
 }
 
 /// Scores at each stage.

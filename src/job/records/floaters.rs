@@ -24,7 +24,7 @@ impl FloaterCounts {
 
     /// The counts in words, without photos.
     pub fn without_photos(&self) -> String {
-        format!("{} show near one camera only, {} are isolated", self.near_one, self.alone)
+        format!("{} close to a single camera, {} isolated", self.near_one, self.alone)
     }
 }
 
@@ -34,7 +34,7 @@ impl fmt::Display for FloaterCounts {
         let Self { disagree, near_one, alone } = self;
         write!(
             f,
-            "{disagree} contradict the photos, {near_one} show near one camera only, {alone} are isolated and no photo needs them"
+            "photos disagree with {disagree}, {near_one} close to a single camera, {alone} isolated and not needed"
         )
     }
 }

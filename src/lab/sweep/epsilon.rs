@@ -1,9 +1,8 @@
 //! The axis of regularisation: epsilon on the metric's diagonal, or a dilation of every Gaussian.
 
-use super::axis::Axis;
 use super::blocks::{self, jaccard};
-use super::records::{AxisRecord, RungRecord};
-use super::rung::{Regularisation, Rung};
+use super::records::AxisRecord;
+use super::rung::Rung;
 use super::subject::Context;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
@@ -24,14 +23,6 @@ const CONDITIONED: usize = 60;
 const KEPT: f64 = 0.28;
 /// The most exact rung: the smallest addition to the metric that avoids singularity.
 const LEAST: f64 = 1e-6;
-
-/// The engine's basis with this rung's value.
-fn basis(value: Regularisation) -> Basis {
-    match value {
-        Regularisation::Dilation(dilate) => Basis { dilate, ..Basis::default() },
-        Regularisation::Epsilon(epsilon) => Basis { epsilon, ..Basis::default() },
-    }
-}
 
 fn study(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Result<Study, Error> {
     let subject = context.subject;
@@ -61,24 +52,13 @@ fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Resu
 }
 
 /// Measures the axis.
-pub fn measure(context: &Context<'_>, rungs: &[Rung<Regularisation>]) -> Result<AxisRecord, Error> {
+pub fn measure(context: &Context<'_>, rungs: &[Rung<Basis>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let resident = Resident::upload(context.session.device, &context.subject.model)?;
-    let mut axis = AxisRecord::new(
-        Axis::Epsilon,
-        "Regularisation of the metric",
-        [
-            "Jaccard distance of the kept set",
-            "the set kept at epsilon 1e-6 without dilation",
-            "ms to assemble and solve the scene",
-        ],
-    );
-    axis.abscissa = Some("condition");
     let truth = kept(&study(context, &resident, &Basis { epsilon: LEAST, ..Basis::default() })?);
-    for Rung { name, value } in rungs {
-        let basis = basis(*value);
-        let (middle, most) = conditions(context, &resident, &basis)?;
-        let mut rung = RungRecord::new(Axis::Epsilon, name);
-        let same = jaccard(&kept(&study(context, &resident, &basis)?), &truth);
+    for Rung { name, value: basis } in rungs {
+        let (middle, most) = conditions(context, &resident, basis)?;
+        let mut rung = axis.rung(name);
+        let same = jaccard(&kept(&study(context, &resident, basis)?), &truth);
         rung.accuracy = Some(1.0 - same);
         rung.exact = basis.dilate == 0.0 && basis.epsilon == LEAST;
         rung.figures.insert("kept_jaccard", same);
@@ -88,7 +68,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Regularisation>]) -> Result<
     }
     let timed = interleaved(rungs.len(), 0.5 * context.seconds, 5, context.session.watcher, |k, _| {
         let started = Instant::now();
-        let wall = study(context, &resident, &basis(rungs[k].value))?.seconds.wall;
+        let wall = study(context, &resident, &rungs[k].value)?.seconds.wall;
         Ok(Sample { device: None, wall: wall.min(started.elapsed().as_secs_f64()) })
     })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
@@ -97,8 +77,5 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Regularisation>]) -> Result<
          depend on epsilon: a larger epsilon gives a better conditioned metric (the plot's abscissa; the median of up to {CONDITIONED} blocks), which float32 solvers need. Rungs t=... widen every Gaussian by that many median scales: another metric, which sees \
          redundancy that the eye sees, not a worse approximation of this one."
     ));
-    Ok(axis.judged([
-        "the arithmetic does not depend on epsilon.",
-        "overlaps are too sparse for epsilon to change an order.",
-    ]))
+    Ok(axis)
 }

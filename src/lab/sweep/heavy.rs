@@ -2,18 +2,19 @@
 //! runs.
 
 use super::asked::Asked;
-use super::axis::Axis;
-use super::records::{AxisRecord, Better, RungRecord};
-use super::rung::{Rung, share};
+use super::axis::Measure;
+use super::records::{AxisRecord, RungRecord};
+use super::rung::{Rung, Switch, UNCHANGED, share};
 use super::timing::{Spread, Timed};
 use crate::effects::{Choice, Decision, Effect, Trigger};
 use crate::job::config::{PruneRule, Pruning};
 use crate::job::records::RunRecord;
 use crate::job::{Error, Output, Preset, RunConfig, Session};
-use crate::lab::compare::{Arm, ArmRecord, CompareRecord, compare};
+use crate::lab::compare::{Arm, ArmRecord, compare};
 use crate::pipeline::run::run;
 use crate::qirf::select::budget::Keep;
 use std::path::Path;
+use std::time::Instant;
 
 /// Parameters of the trainings of heavy axes.
 pub struct Training<'a> {
@@ -33,74 +34,64 @@ fn once(seconds: Option<f64>) -> Timed {
     Timed { device: None, wall: seconds.and_then(|s| Spread::of(vec![s])) }
 }
 
-/// The rungs of keep or selector, each with the name of its arm; rungs of the same meaning share an arm.
-fn arms_of(asked: &Asked, given: Keep) -> Vec<(&str, String)> {
-    let arm = |name: &str| match (asked.axis, share(name)) {
-        (Axis::Keep, Some(1.0)) => "dense".to_owned(),
-        (Axis::Keep, Some(share)) if given == Keep::Share(share) => "default".to_owned(),
-        (Axis::Keep, _) => format!("default@{name}"),
-        _ => name.to_owned(),
-    };
-    asked.rungs.iter().map(|name| (name.as_str(), arm(name))).collect()
+/// The arm that keeps a share.
+pub(super) fn keeping(name: &str, given: Keep) -> String {
+    match share(name) {
+        Some(1.0) => "dense".to_owned(),
+        Some(share) if given == Keep::Share(share) => "default".to_owned(),
+        _ => format!("default@{name}"),
+    }
 }
 
-/// Measures keep and selector, one or both, from one checkpoint at the prune point; measures nothing if neither is
-/// requested.
+/// Seconds of an arm's prunes.
+pub(super) fn pruning(arm: &ArmRecord) -> f64 {
+    arm.prunes.iter().map(|p| p.seconds.total).sum()
+}
+
+/// Measures the requested axes of prunes from one checkpoint at the prune point; measures nothing if there are none.
+/// Rungs of the same meaning share an arm.
 pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
+    let begun = Instant::now();
     let given = &training.pruning.compression;
-    let asked: Vec<&Asked> = asked.iter().filter(|a| matches!(a.axis, Axis::Keep | Axis::Selector)).collect();
-    if asked.is_empty() {
+    let fork = |asked: &Asked| match asked.axis.measure {
+        Measure::Forked { arm, time } => Some((asked.axis, asked.values(|name| Some(arm(name, given.keep))), time)),
+        _ => None,
+    };
+    let forks: Vec<_> = asked.iter().filter_map(fork).collect();
+    if forks.is_empty() {
         return Ok(Vec::new());
     }
     let mut arms: Vec<Arm> = Vec::new();
-    for (_, name) in asked.iter().flat_map(|asked| arms_of(asked, given.keep)) {
-        if arms.iter().all(|arm| arm.name != name) {
-            arms.push(Arm::parse(&name, training.pruning).map_err(Error::Usage)?);
+    for Rung { value: name, .. } in forks.iter().flat_map(|(_, rungs, _)| rungs) {
+        if arms.iter().all(|arm| arm.name != *name) {
+            arms.push(Arm::parse(name, training.pruning).map_err(Error::Usage)?);
         }
     }
     let pruning = Pruning { compression: PruneRule::default(), ..training.pruning.clone() };
     let shared = training.config.clone().pruned(pruning);
     let compared = compare(&training.session, &shared, &arms, &training.folder.join("fork"), false)?;
-    Ok(asked.iter().map(|asked| of_arms(asked.axis, &arms_of(asked, given.keep), &compared)).collect())
-}
-
-/// An axis whose rungs are all arms of a comparison.
-fn of_arms(axis: Axis, rungs: &[(&str, String)], compared: &CompareRecord) -> AxisRecord {
-    let mut axis = match axis {
-        Axis::Keep => {
-            AxisRecord::new(axis, "Share of the Gaussians that is kept", ["PSNR / dB", "held-out photos", "ms a frame"])
+    let seconds = begun.elapsed().as_secs_f64() / forks.len() as f64;
+    let mut out = Vec::new();
+    for (axis, rungs, time) in forks {
+        let mut axis = AxisRecord { seconds, ..AxisRecord::new(axis) };
+        for Rung { name, value } in rungs {
+            let found = compared.arms.iter().find(|arm| arm.name == value);
+            axis.rungs.extend(found.map(|arm| of_arm(axis.rung(&name).timed(&once(time(arm)), 1.0), arm)));
         }
-        _ => AxisRecord::new(
-            axis,
-            "What a prune ranks by",
-            ["PSNR / dB", "held-out photos, at equal count", "s to select and prune"],
-        ),
-    };
-    axis.better = Better::Higher;
-    for (name, arm) in rungs {
-        axis.rungs.extend(compared.arms.iter().find(|a| a.name == *arm).map(|found| of_arm(axis.axis, name, found)));
+        axis.notes.push(format!(
+            "All rungs continue from one checkpoint, {} Gaussians after iteration {} of {}, with the same seed and loss. Frame rates \
+             are taken in turn; training is not repeated.",
+            compared.gaussians, compared.prune_point, compared.iterations
+        ));
+        if compared.arms.iter().all(|arm| arm.psnr.is_none()) {
+            axis.notes.push("No view is held out, so quality was not measured.".to_owned());
+        }
+        out.push(axis.judged());
     }
-    axis.notes.push(format!(
-        "All rungs continue from one checkpoint, {} Gaussians after iteration {} of {}, with the same seed and loss. Frame rates \
-         are taken in turn; training is not repeated.",
-        compared.gaussians, compared.prune_point, compared.iterations
-    ));
-    if compared.arms.iter().all(|a| a.psnr.is_none()) {
-        axis.notes.push("No view is held out, so quality was not measured.".to_owned());
-    }
-    axis.judged([
-        "these rungs differ in the kept Gaussians, not in the amount of work.",
-        "the held-out views cannot tell these rungs apart.",
-    ])
+    Ok(out)
 }
 
-fn of_arm(axis: Axis, name: &str, arm: &ArmRecord) -> RungRecord {
-    let pruning: f64 = arm.prunes.iter().map(|p| p.seconds.total).sum();
-    let rung = RungRecord::new(axis, name);
-    let mut rung = match axis {
-        Axis::Keep => rung.timed(&once(arm.fps.map(|f| 1.0 / f)), 1e3),
-        _ => rung.timed(&once((!arm.prunes.is_empty()).then_some(pruning)), 1.0),
-    };
+fn of_arm(mut rung: RungRecord, arm: &ArmRecord) -> RungRecord {
     rung.accuracy = arm.psnr;
     rung.figures.insert("ssim", arm.ssim.unwrap_or(f64::NAN));
     rung.figures.insert("lpips_vgg", arm.lpips_vgg.unwrap_or(f64::NAN));
@@ -108,7 +99,7 @@ fn of_arm(axis: Axis, name: &str, arm: &ArmRecord) -> RungRecord {
     rung.figures.insert("gaussians", arm.gaussians as f64);
     rung.figures.insert("ply_bytes", arm.ply_bytes as f64);
     rung.figures.insert("train_s", arm.seconds);
-    rung.figures.insert("prune_s", pruning);
+    rung.figures.insert("prune_s", pruning(arm));
     rung.figures.insert("frame_ms", arm.fps.map_or(f64::NAN, |f| 1e3 / f));
     rung.figures.retain(|_, v| v.is_finite());
     rung
@@ -122,8 +113,8 @@ fn whole(training: &Training<'_>, config: &RunConfig, name: &str) -> Result<RunR
     run(&training.session, config, &output, false)
 }
 
-fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> RungRecord {
-    let mut rung = RungRecord::new(axis, name).timed(&once(Some(seconds)), 1.0);
+fn of_run(rung: RungRecord, results: &RunRecord, time: f64) -> RungRecord {
+    let mut rung = rung.timed(&once(Some(time)), 1.0);
     let test = results.test.as_ref();
     rung.accuracy = test.and_then(|t| t.psnr);
     rung.figures.insert("ssim", test.and_then(|t| t.ssim).unwrap_or(f64::NAN));
@@ -136,10 +127,7 @@ fn of_run(axis: Axis, name: &str, results: &RunRecord, seconds: f64) -> RungReco
 }
 
 /// Measures the axis of lengths: schedules scale as a whole, so that each rung is a separate run.
-pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRecord, Error> {
-    let mut axis =
-        AxisRecord::new(Axis::Iterations, "Length of the run", ["PSNR / dB", "held-out photos", "s of training"]);
-    axis.better = Better::Higher;
+pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let longest = training.config.schedule.iterations;
     for Rung { name, value: share } in rungs {
         let length = ((share * f64::from(longest)).round() as u32).max(1);
@@ -147,7 +135,7 @@ pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRe
         let config = RunConfig { checkpoint_every: 0, schedule, ..training.config.clone() };
         let config = config.pruned(training.pruning.clone());
         let results = whole(training, &config, &format!("iterations-{name}"))?;
-        let mut rung = of_run(Axis::Iterations, name, &results, results.time.train_s);
+        let mut rung = of_run(axis.rung(name), &results, results.time.train_s);
         rung.figures.insert("iterations", f64::from(config.schedule.iterations));
         axis.rungs.push(rung);
     }
@@ -155,7 +143,7 @@ pub fn iterations(training: &Training<'_>, rungs: &[Rung<f64>]) -> Result<AxisRe
         "Milestones of the schedule, the prune among them, scale with its length; the whole is {longest} iterations. Milestones part at \
          once, so that no two rungs share a checkpoint; each is trained once."
     ));
-    Ok(axis.judged(["every rung trained for as long.", "the held-out views cannot tell these lengths apart."]))
+    Ok(axis)
 }
 
 /// The effect of a decision and the opposite choice; `None` if that would enable an effect that the photos do not
@@ -169,10 +157,7 @@ fn switched(decision: &Decision) -> Option<(Effect, Choice)> {
 }
 
 /// Measures the axis of effects: switches each effect to the opposite of the run's choice, if possible.
-pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]) -> Result<AxisRecord, Error> {
-    let mut axis =
-        AxisRecord::new(Axis::Effects, "What is simulated", ["PSNR / dB", "held-out photos", "ms an iteration"]);
-    axis.better = Better::Higher;
+pub fn effects(training: &Training<'_>, rungs: &[Rung<Switch>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let mut base = training.config.clone().pruned(training.pruning.clone());
     base.checkpoint_every = 0;
     let per_iteration = |r: &RunRecord| r.time.train_s / f64::from(base.schedule.iterations.max(1)) * 1e3;
@@ -182,20 +167,17 @@ pub fn effects(training: &Training<'_>, rungs: &[Rung<Option<(Effect, Choice)>>]
     } else {
         rungs.iter().filter_map(|rung| rung.value).collect()
     };
-    axis.rungs.push(of_run(Axis::Effects, "default", &results, per_iteration(&results)));
+    axis.rungs.push(of_run(axis.rung(UNCHANGED), &results, per_iteration(&results)));
     for (effect, choice) in others {
         let mut config = base.clone();
         config.effects.set(effect, choice);
         let name = format!("{}={}", effect.name(), choice.name());
         let results = whole(training, &config, &format!("effects-{name}"))?;
-        axis.rungs.push(of_run(Axis::Effects, &name, &results, per_iteration(&results)));
+        axis.rungs.push(of_run(axis.rung(&name), &results, per_iteration(&results)));
     }
     axis.notes.push(format!(
         "Each rung is a run of {} iterations with one effect switched differently from `default`, trained once.",
         base.schedule.iterations
     ));
-    Ok(axis.judged([
-        "none of these effects is a large part of an iteration on this scene.",
-        "the scene calls for none of these effects.",
-    ]))
+    Ok(axis)
 }

@@ -1,9 +1,8 @@
 //! The axis of overlap formulas: on the subject's own neighbouring pairs, on the thin ones among them, and on the same
 //! Gaussians flattened.
 
-use super::axis::Axis;
 use super::blocks;
-use super::records::{AxisRecord, RungRecord, Table, figure};
+use super::records::{AxisRecord, Table, figure};
 use super::rung::{Formula, Rung};
 use super::subject::Context;
 use super::timing::{Sample, Timed, interleaved};
@@ -197,17 +196,12 @@ fn tables() -> [Table; 3] {
 }
 
 /// Measures the axis.
-pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>]) -> Result<AxisRecord, Error> {
+pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let blocks = blocks::sampled(model, Basis::default().partition);
     let own = Case::new(context, model, &blocks)?;
     let flat = Case::new(context, &pressed(model, &blocks), &blocks)?;
     let [pairs, thin_pairs] = kinds(&own.primitives, &blocks);
-    let mut axis = AxisRecord::new(
-        Axis::Overlap,
-        "Overlap of two Gaussians",
-        ["largest error of an overlap, a NaN counting as 1", "QR in float64, pair by pair", "ms a million pairs"],
-    );
     let mut tables = tables();
     for Rung { name, value } in rungs {
         let (as_is, as_flat) = (own.found(context, *value)?, flat.found(context, *value)?);
@@ -216,7 +210,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>]) -> Result<AxisRec
             Fate::of(&as_is, &own.truth, &thin_pairs),
             Fate::of(&as_flat, &flat.truth, &pairs),
         ];
-        let mut rung = RungRecord::new(Axis::Overlap, name);
+        let mut rung = axis.rung(name);
         rung.accuracy = Some(fates[0].error());
         rung.exact = *value == Formula::Twin;
         let keys = [
@@ -244,8 +238,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>]) -> Result<AxisRec
         100.0 * thin as f64 / count.max(1) as f64
     ));
     axis.tables = tables.into();
-    Ok(axis
-        .judged(["the device spends its time on reading pairs.", "no pair is thin enough to tell the formulas apart."]))
+    Ok(axis)
 }
 
 /// The cost of QR relative to the determinant, with its errors.

@@ -11,8 +11,8 @@ use maud::{Markup, html};
 /// The page of a sweep.
 pub fn page(swept: &SweepRecord) -> String {
     let mut sections = vec![Section::new("summary", "Cost of exactness", summary(swept))];
-    for axis in &swept.axes {
-        sections.push(Section::new(axis.axis.name(), axis.title, body(axis)));
+    for record in &swept.axes {
+        sections.push(Section::new(record.axis.name, record.axis.title, body(record)));
     }
     let subtitle = format!(
         "{}: {}; qirf-vk {} on {}",
@@ -33,8 +33,8 @@ fn summary(swept: &SweepRecord) -> Markup {
     html! {
         (facts(&told))
         ul {
-            @for axis in &swept.axes {
-                li { a href={ "#" (axis.axis.name()) } { (axis.axis.name()) } ": " (axis.sentence) }
+            @for record in &swept.axes {
+                li { a href={ "#" (record.axis.name) } { (record.axis.name) } ": " (record.sentence) }
             }
         }
         p class="hint" {
@@ -44,24 +44,25 @@ fn summary(swept: &SweepRecord) -> Markup {
     }
 }
 
-fn body(axis: &AxisRecord) -> Markup {
+fn body(record: &AxisRecord) -> Markup {
     html! {
-        p { (axis.sentence) }
-        @for flat in &axis.flat { p { (flat) } }
-        @if axis.rungs.is_empty() {
+        p { (record.sentence) }
+        @for flat in &record.flat { p { (flat) } }
+        @if record.rungs.is_empty() {
             (absent("No rung was measured."))
         } @else {
-            (side_by_side(&[plot(axis), rungs(axis)]))
-            (figures(axis))
+            (side_by_side(&[plot(record), rungs(record)]))
+            (figures(record))
         }
-        @for note in &axis.notes { p class="hint" { (note) } }
-        @for t in &axis.tables { (details(t)) }
-        p class="hint" { "Time: " (axis.time) ". Accuracy: " (axis.accuracy) ", compared with " (axis.against) ". Measuring took " (seconds(axis.seconds)) "." }
+        @for note in &record.notes { p class="hint" { (note) } }
+        @for t in &record.tables { (details(t)) }
+        p class="hint" { "Time: " (record.axis.time) ". Accuracy: " (record.axis.accuracy) ", compared with " (record.axis.against) ". Measuring took " (seconds(record.seconds)) "." }
     }
 }
 
-fn plot(axis: &AxisRecord) -> Markup {
-    let measured: Vec<f64> = axis.rungs.iter().filter_map(|r| r.accuracy).collect();
+fn plot(record: &AxisRecord) -> Markup {
+    let axis = record.axis;
+    let measured: Vec<f64> = record.rungs.iter().filter_map(|r| r.accuracy).collect();
     let accuracies = Accuracies::new(&measured, axis.better == Better::Lower);
     let point = |r: &RungRecord| {
         let (at, spread) = match axis.abscissa {
@@ -73,14 +74,14 @@ fn plot(axis: &AxisRecord) -> Markup {
         let exact = if place == accuracies.beyond && r.name != "exact" { " (exact)" } else { "" };
         Some(Point {
             label: format!("{}{exact}", r.name),
-            told: format!("{}: {} at {}", r.name, axis.shown(r), short(at)),
+            told: format!("{}: {} at {}", r.name, record.shown(r), short(at)),
             at: [at, place],
             spread,
             front: r.front,
             default: r.default,
         })
     };
-    let mut points: Vec<Point> = axis.rungs.iter().filter_map(point).collect();
+    let mut points: Vec<Point> = record.rungs.iter().filter_map(point).collect();
     let mut legend = ["on the Pareto front", "not on the front; the default is ringed"];
     if axis.abscissa.is_some() {
         // Times, which the Pareto front is about, are not shown here: the line goes through the values of epsilon.
@@ -96,22 +97,22 @@ fn plot(axis: &AxisRecord) -> Markup {
     Front { title: axis.title, x, y, legend: &legend, points }.draw()
 }
 
-fn rungs(axis: &AxisRecord) -> Markup {
+fn rungs(record: &AxisRecord) -> Markup {
     list(
-        &axis.rungs,
+        &record.rungs,
         &[
             (Text("rung"), &|r| r.name.clone()),
             (Number("time"), &|r| r.time.map_or(NONE.into(), |t| short(t.median))),
             (Number("quartiles"), &|r| r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3)))),
-            (Number("accuracy"), &|r| axis.shown(r)),
+            (Number("accuracy"), &|r| record.shown(r)),
             (Text(""), &|r| r.mark().to_owned()),
         ],
     )
 }
 
 /// Further measurements of each rung.
-fn figures(axis: &AxisRecord) -> Markup {
-    let mut names: Vec<&str> = axis.rungs.iter().flat_map(|r| r.figures.keys().copied()).collect();
+fn figures(record: &AxisRecord) -> Markup {
+    let mut names: Vec<&str> = record.rungs.iter().flat_map(|r| r.figures.keys().copied()).collect();
     names.sort_unstable();
     names.dedup();
     let titles: Vec<String> = names.iter().map(|n| n.replace('_', " ")).collect();
@@ -126,7 +127,7 @@ fn figures(axis: &AxisRecord) -> Markup {
         let wall = r.wall.map_or(NONE.into(), |t| short(t.median));
         [r.name.clone(), rounds, wall].into_iter().chain(cells).collect::<Vec<_>>()
     };
-    table(&columns, &axis.rungs.iter().map(row).collect::<Vec<_>>(), None)
+    table(&columns, &record.rungs.iter().map(row).collect::<Vec<_>>(), None)
 }
 
 fn details(t: &Table) -> Markup {

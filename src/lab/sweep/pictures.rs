@@ -1,7 +1,6 @@
 //! The axes of drawing: culling, and the end of blending.
 
-use super::axis::Axis;
-use super::records::{AxisRecord, Better, RungRecord};
+use super::records::AxisRecord;
 use super::rung::Rung;
 use super::subject::Context;
 use super::timing::{Sample, interleaved};
@@ -15,13 +14,6 @@ use std::time::Instant;
 const MOST_PAIRS: usize = 1 << 20;
 /// Number of views whose pixels are compared if the rung without culling is drawn on a crop.
 const CROPS: usize = 2;
-
-/// One way to draw.
-struct Way<'a> {
-    name: String,
-    settings: Settings,
-    model: &'a Resident,
-}
 
 /// Distance of pictures from the reference.
 #[derive(Clone, Copy, Debug, Default)]
@@ -51,27 +43,28 @@ impl Far {
     }
 }
 
-fn renderer(context: &Context<'_>, way: &Way<'_>, cameras: &[Camera]) -> Result<Renderer, Error> {
+fn renderer(context: &Context<'_>, way: Settings, cameras: &[Camera]) -> Result<Renderer, Error> {
     let [width, height] = camera::largest(cameras);
-    Ok(Renderer::new(context.session.device, way.settings, way.model.len, width, height)?)
+    Ok(Renderer::new(context.session.device, way, context.subject.model.len(), width, height)?)
 }
 
 /// Each way's distance from the pictures of `truth`. Also returns every way's renderer, grown for its pairs.
 fn compare(
     context: &Context<'_>,
-    ways: &[Way<'_>],
-    truth: &Way<'_>,
+    model: &Resident,
+    ways: impl Iterator<Item = Settings>,
+    truth: Settings,
     cameras: &[Camera],
 ) -> Result<Vec<(Renderer, Far)>, Error> {
     let mut exact = renderer(context, truth, cameras)?;
-    let images: Vec<Image> = cameras.iter().map(|c| exact.render(truth.model, c)).collect::<Result<_, _>>()?;
+    let images: Vec<Image> = cameras.iter().map(|c| exact.render(model, c)).collect::<Result<_, _>>()?;
     drop(exact);
     let mut out = Vec::new();
     for way in ways {
         let mut renderer = renderer(context, way, cameras)?;
         let mut far = Far::default();
         for (camera, truth) in cameras.iter().zip(&images) {
-            let (image, _, pairs) = renderer.render_timed(way.model, camera)?;
+            let (image, _, pairs) = renderer.render_timed(model, camera)?;
             far.add(&image, truth);
             far.pairs += f64::from(pairs) / cameras.len() as f64;
             context.session.watcher.unless_stopped()?;
@@ -82,9 +75,9 @@ fn compare(
 }
 
 /// The time of a frame.
-fn frame(context: &Context<'_>, renderer: &Renderer, way: &Way<'_>, camera: &Camera) -> Result<Sample, Error> {
+fn frame(context: &Context<'_>, renderer: &Renderer, model: &Resident, camera: &Camera) -> Result<Sample, Error> {
     let started = Instant::now();
-    let timings = renderer.draw(way.model, camera)?;
+    let timings = renderer.draw(model, camera)?;
     Ok(Sample::of(context.session.device, &timings, &STAGES, started))
 }
 
@@ -95,18 +88,13 @@ fn crop(camera: &Camera, width: u32, height: u32) -> Camera {
 }
 
 /// Measures the axis of culling.
-pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRecord, Error> {
+pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.session.device, &subject.model)?;
-    let way = |name: &str, culling| Way {
-        name: name.to_owned(),
-        settings: Settings { culling, ..subject.settings },
-        model: &model,
-    };
-    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
+    let way = |culling| Settings { culling, ..subject.settings };
     let cameras = subject.cameras();
     let first = &cameras[0];
-    let tile = renderer(context, &way("", Culling::Exact), &cameras[..1])?.tile();
+    let tile = renderer(context, way(Culling::Exact), &cameras[..1])?.tile();
     let tiles = |c: &Camera| c.width.div_ceil(tile) as usize * c.height.div_ceil(tile) as usize;
     // A whole number of tiles in the picture's aspect ratio, as many as drawing without culling can afford.
     let affordable = MOST_PAIRS / subject.model.len().max(1);
@@ -118,24 +106,19 @@ pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRec
         let side = |pixels: u32| ((f64::from(pixels) * share / f64::from(tile)) as u32).max(1) * tile;
         cameras.iter().take(CROPS).map(|c| crop(c, side(c.width), side(c.height))).collect()
     };
-    let truth = way("", Culling::Off);
-    let on_crops = compare(context, &ways, &truth, &crops)?;
-    let mut axis = AxisRecord::new(
-        Axis::Culling,
-        "Tiles that list a Gaussian",
-        ["largest error of a pixel (of 1)", "every Gaussian in every tile", "ms a frame"],
-    );
+    let ways = rungs.iter().map(|r| way(r.value));
+    let on_crops = compare(context, &model, ways, way(Culling::Off), &crops)?;
     let mut full: Vec<(Renderer, f64)> = Vec::new();
-    for (way, (cropped, far)) in ways.iter().zip(on_crops) {
-        let mut rung = RungRecord::new(Axis::Culling, &way.name);
+    for (Rung { name, value }, (cropped, far)) in rungs.iter().zip(on_crops) {
+        let mut rung = axis.rung(name);
         rung.accuracy = Some(far.largest);
-        rung.exact = way.settings.culling == Culling::Off;
+        rung.exact = *value == Culling::Off;
         axis.rungs.push(rung);
-        if whole || way.settings.culling == Culling::Off {
+        if whole || *value == Culling::Off {
             full.push((cropped, far.pairs));
             continue;
         }
-        let mut renderer = renderer(context, way, &cameras)?;
+        let mut renderer = renderer(context, way(*value), &cameras)?;
         let mut pairs = 0.0;
         for camera in &cameras {
             pairs += f64::from(renderer.render_timed(&model, camera)?.2) / cameras.len() as f64;
@@ -144,16 +127,16 @@ pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRec
     }
     let area = |c: &[Camera]| c.iter().map(|c| f64::from(c.width) * f64::from(c.height)).sum::<f64>() / c.len() as f64;
     let ratio = area(&cameras) / area(&crops);
-    let timed = interleaved(ways.len(), context.seconds, 2 * cameras.len(), context.session.watcher, |k, round| {
-        let (renderer, way) = (&full[k].0, &ways[k]);
-        if way.settings.culling == Culling::Off {
-            return Ok(frame(context, renderer, way, &crops[round % crops.len()])?.times(ratio));
+    let timed = interleaved(rungs.len(), context.seconds, 2 * cameras.len(), context.session.watcher, |k, round| {
+        let renderer = &full[k].0;
+        if rungs[k].value == Culling::Off {
+            return Ok(frame(context, renderer, &model, &crops[round % crops.len()])?.times(ratio));
         }
-        frame(context, renderer, way, &cameras[round % cameras.len()])
+        frame(context, renderer, &model, &cameras[round % cameras.len()])
     })?;
     axis.rungs = axis.rungs.into_iter().zip(&timed).map(|(rung, t)| rung.timed(t, 1e3)).collect();
-    for ((rung, way), (_, pairs)) in axis.rungs.iter_mut().zip(&ways).zip(&full) {
-        let factor = if way.settings.culling == Culling::Off { ratio } else { 1.0 };
+    for ((rung, asked), (_, pairs)) in axis.rungs.iter_mut().zip(rungs).zip(&full) {
+        let factor = if asked.value == Culling::Off { ratio } else { 1.0 };
         rung.figures.insert("pairs", pairs * factor);
     }
     if !whole {
@@ -165,56 +148,26 @@ pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>]) -> Result<AxisRec
             crops[0].height
         ));
     }
-    Ok(axis.judged([
-        "Gaussians are so small that every way lists the same few tiles.",
-        "no rung drops what could be seen in these views.",
-    ]))
+    Ok(axis)
 }
 
 /// Measures the axis of the transmittance at which blending stops.
-pub fn stop(context: &Context<'_>, rungs: &[Rung<f32>]) -> Result<AxisRecord, Error> {
+pub fn stop(context: &Context<'_>, rungs: &[Rung<f32>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.session.device, &subject.model)?;
-    let way = |name: &str, stop| Way {
-        name: name.to_owned(),
-        settings: Settings { stop, ..subject.settings },
-        model: &model,
-    };
-    let ways: Vec<Way<'_>> = rungs.iter().map(|r| way(&r.name, r.value)).collect();
-    let axis = AxisRecord::new(
-        Axis::Stop,
-        "Transmittance at which a pixel is done",
-        ["PSNR / dB", "blending every Gaussian, however little light is left", "ms a frame"],
-    );
-    let axis = drawn(context, axis, &ways, &way("", 0.0), |rung, way| rung.exact = way.settings.stop == 0.0)?;
-    Ok(axis.judged([
-        "few pixels of these views are opaque before their last Gaussian, so stopping early saves little.",
-        "no pixel of these views has so little light left.",
-    ]))
-}
-
-/// PSNR and time of several ways to draw the same views.
-fn drawn(
-    context: &Context<'_>,
-    mut axis: AxisRecord,
-    ways: &[Way<'_>],
-    truth: &Way<'_>,
-    tell: impl Fn(&mut RungRecord, &Way<'_>),
-) -> Result<AxisRecord, Error> {
-    axis.better = Better::Higher;
-    let cameras = context.subject.cameras();
-    let compared = compare(context, ways, truth, &cameras)?;
-    let timed = interleaved(ways.len(), context.seconds, 2 * cameras.len(), context.session.watcher, |k, round| {
-        frame(context, &compared[k].0, &ways[k], &cameras[round % cameras.len()])
+    let way = |stop| Settings { stop, ..subject.settings };
+    let cameras = subject.cameras();
+    let compared = compare(context, &model, rungs.iter().map(|r| way(r.value)), way(0.0), &cameras)?;
+    let timed = interleaved(rungs.len(), context.seconds, 2 * cameras.len(), context.session.watcher, |k, round| {
+        frame(context, &compared[k].0, &model, &cameras[round % cameras.len()])
     })?;
-    for ((way, (_, far)), timed) in ways.iter().zip(&compared).zip(&timed) {
-        let mut rung = RungRecord::new(axis.axis, &way.name).timed(timed, 1e3);
+    for ((Rung { name, value }, (_, far)), timed) in rungs.iter().zip(&compared).zip(&timed) {
+        let mut rung = axis.rung(name).timed(timed, 1e3);
         rung.accuracy = far.psnr();
         rung.figures.insert("largest_error", far.largest);
         rung.figures.insert("pairs", far.pairs);
-        tell(&mut rung, way);
         // Equal pictures are exact, however they were drawn.
-        rung.exact |= rung.accuracy.is_none();
+        rung.exact = *value == 0.0 || rung.accuracy.is_none();
         axis.rungs.push(rung);
     }
     Ok(axis)

@@ -59,7 +59,7 @@ pub enum Better {
 }
 
 /// One step of an axis.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct RungRecord {
     /// Its name, as in `--axis NAME=`.
     pub name: String,
@@ -80,20 +80,6 @@ pub struct RungRecord {
 }
 
 impl RungRecord {
-    /// A rung without measurements.
-    pub fn new(axis: Axis, name: &str) -> Self {
-        Self {
-            name: name.to_owned(),
-            default: name == axis.default_rung(),
-            front: false,
-            accuracy: None,
-            exact: false,
-            time: None,
-            wall: None,
-            figures: BTreeMap::new(),
-        }
-    }
-
     /// Its mark in tables.
     pub fn mark(&self) -> &'static str {
         match (self.default, self.front) {
@@ -144,19 +130,8 @@ pub struct Table {
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisRecord {
     /// The axis.
-    pub axis: Axis,
-    /// Title: the varied quantity.
-    pub title: &'static str,
-    /// The measure of accuracy, with its unit.
-    pub accuracy: &'static str,
-    /// Direction in which accuracy improves.
-    pub better: Better,
-    /// The reference of accuracy.
-    pub against: &'static str,
-    /// The unit of times.
-    pub time: &'static str,
-    /// The figure that the plot shows instead of time, if any.
-    pub abscissa: Option<&'static str>,
+    #[serde(flatten)]
+    pub axis: &'static Axis,
     /// The rungs.
     pub rungs: Vec<RungRecord>,
     /// The cost of the next more exact rung, in a sentence.
@@ -172,16 +147,10 @@ pub struct AxisRecord {
 }
 
 impl AxisRecord {
-    /// An axis without rungs, whose accuracy is an error.
-    pub fn new(axis: Axis, title: &'static str, [accuracy, against, time]: [&'static str; 3]) -> Self {
+    /// An axis without rungs.
+    pub fn new(axis: &'static Axis) -> Self {
         Self {
             axis,
-            title,
-            accuracy,
-            better: Better::Lower,
-            against,
-            time,
-            abscissa: None,
             rungs: Vec::new(),
             sentence: String::new(),
             flat: Vec::new(),
@@ -191,11 +160,15 @@ impl AxisRecord {
         }
     }
 
-    /// Marks the Pareto front, and fills in the cost of exactness and the flat ranges; `why` explains flat times, then
-    /// flat accuracies.
+    /// A rung of the axis, without measurements.
+    pub fn rung(&self, name: &str) -> RungRecord {
+        RungRecord { name: name.to_owned(), default: name == self.axis.default, ..RungRecord::default() }
+    }
+
+    /// Marks the Pareto front, and fills in the cost of exactness and the flat ranges.
     #[must_use]
-    pub fn judged(mut self, why: [&str; 2]) -> Self {
-        let better = self.better;
+    pub fn judged(mut self) -> Self {
+        let Axis { better, flat_times, flat_accuracy, .. } = *self.axis;
         let points: Vec<Option<[f64; 2]>> =
             self.rungs.iter().map(|r| Some([r.seconds()?, r.badness(better)?])).collect();
         for (k, rung) in self.rungs.iter_mut().enumerate() {
@@ -213,11 +186,11 @@ impl AxisRecord {
             if low > 0.0 && (high / low < EQUALLY_FAST || together) {
                 let within = 100.0 * (high / low - 1.0);
                 let noise = if together { ", which is less than their spread" } else { "" };
-                self.flat.push(format!("Times hardly differ (medians within {within:.0} %{noise}): {}", why[0]));
+                self.flat.push(format!("Times hardly differ (medians within {within:.0} %{noise}): {flat_times}"));
             }
             let bad: Vec<f64> = self.rungs.iter().filter_map(|r| r.badness(better)).collect();
             if bad.len() == self.rungs.len() && bad.iter().all(|b| *b == bad[0]) {
-                self.flat.push(format!("Accuracy is the same on every rung: {}", why[1]));
+                self.flat.push(format!("Accuracy is the same on every rung: {flat_accuracy}"));
             }
         }
         self.sentence = self.cost();
@@ -227,12 +200,12 @@ impl AxisRecord {
     /// The cost of the next more exact rung, or a note that there is none.
     fn cost(&self) -> String {
         let Some(default) = self.rungs.iter().find(|r| r.default) else {
-            return format!("The default, {}, was not among the rungs.", self.axis.default_rung());
+            return format!("The default, {}, was not among the rungs.", self.axis.default);
         };
-        let Some(own) = default.badness(self.better) else {
+        let Some(own) = default.badness(self.axis.better) else {
             return format!("The accuracy of the default, {}, could not be measured.", default.name);
         };
-        let of = |r: &RungRecord| Some((r.badness(self.better)?, r.seconds()?));
+        let of = |r: &RungRecord| Some((r.badness(self.axis.better)?, r.seconds()?));
         let others = || self.rungs.iter().filter(|r| !r.default).filter_map(|r| Some((r, of(r)?)));
         let next = others().filter(|(_, (bad, _))| *bad < own).max_by(|(_, a), (_, b)| {
             // The smallest step; among equal ones the faster.
@@ -244,7 +217,7 @@ impl AxisRecord {
                 rung.name,
                 default.name,
                 self.change(rung, default),
-                self.accuracy,
+                self.axis.accuracy,
                 self.shown(default),
                 self.shown(rung),
             );
@@ -258,18 +231,18 @@ impl AxisRecord {
                 "{}, the most exact of the faster ones, {}, and its {} is {}",
                 rung.name,
                 self.change(rung, default),
-                self.accuracy,
+                self.axis.accuracy,
                 self.shown(rung)
             ),
         };
         let shown = self.shown(default);
-        format!("No rung is more exact than the default, {} ({} {shown}); {rest}.", default.name, self.accuracy)
+        format!("No rung is more exact than the default, {} ({} {shown}); {rest}.", default.name, self.axis.accuracy)
     }
 
     /// The difference of a rung's time from another's, as text.
     fn change(&self, rung: &RungRecord, from: &RungRecord) -> String {
         let (Some(a), Some(b)) = (rung.time, from.time) else { return "has a time that was not measured".to_owned() };
-        let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.time);
+        let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.axis.time);
         let words = match a.median / b.median {
             r if (1.0 - ALIKE..1.0 + ALIKE).contains(&r) => "takes equally long".to_owned(),
             _ if a.samples > 1 && a.overlaps(&b) => "takes equally long within the spread".to_owned(),
@@ -310,14 +283,14 @@ impl SweepRecord {
         let mut text = "axis,rung,default,front,accuracy,exact,accuracy_unit,time,time_q1,time_q3,samples,time_unit,wall,figures\n"
             .to_owned();
         let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
-        for axis in &self.axes {
-            for r in &axis.rungs {
+        for AxisRecord { axis, rungs, .. } in &self.axes {
+            for r in rungs {
                 let times = r.time.map(|t| [t.median, t.q1, t.q3]);
                 let at = |k: usize| cell(times.map(|t| t[k]));
                 let samples = r.time.map(|t| t.samples.to_string()).unwrap_or_default();
                 let figures: Vec<String> = r.figures.iter().map(|(k, v)| format!("{k}={v}")).collect();
                 let cells = [
-                    axis.axis.name().to_owned(),
+                    axis.name.to_owned(),
                     r.name.clone(),
                     r.default.to_string(),
                     r.front.to_string(),
@@ -342,19 +315,16 @@ impl SweepRecord {
 
 #[cfg(test)]
 mod tests {
+    use super::super::asked::Asked;
     use super::*;
 
     fn axis(points: &[(&str, f64, f64)]) -> AxisRecord {
-        let mut axis = AxisRecord::new(Axis::Stop, "", ["error", "", "ms a frame"]);
+        let mut axis = AxisRecord::new(Asked::parse("epsilon").unwrap().axis);
         for (name, time, error) in points {
             let time = Spread { median: *time, q1: *time, q3: *time, samples: 3 };
-            axis.rungs.push(RungRecord {
-                accuracy: Some(*error),
-                time: Some(time),
-                ..RungRecord::new(Axis::Stop, name)
-            });
+            axis.rungs.push(RungRecord { accuracy: Some(*error), time: Some(time), ..axis.rung(name) });
         }
-        axis.judged(["so it is.", "so it is."])
+        axis.judged()
     }
 
     #[test]
@@ -362,7 +332,7 @@ mod tests {
         let axis = axis(&[("0", 9.0, 0.0), ("1e-4", 4.0, 0.1), ("1e-3", 5.0, 0.2), ("1e-2", 3.0, 0.4)]);
         assert_eq!(axis.rungs.iter().map(|r| r.front).collect::<Vec<_>>(), [true, true, false, true]);
         let said = "0 is the next rung more exact than the default, 1e-4: it takes 2.2 times as long (9.00 instead of 4.00 ms \
-                    a frame), and its accuracy (error) changes from 0.1000 to 0.";
+                    to assemble and solve the scene), and its accuracy (Jaccard distance of the kept set) changes from 0.1000 to 0.";
         assert_eq!(axis.sentence, said);
         assert!(axis.flat.is_empty());
     }

@@ -1,11 +1,17 @@
 //! The rungs of the axes: their values, and the parsers of their names.
 
-use super::axis::Axis;
 use crate::effects::{Choice, Effect, Overrides, Trigger};
 use crate::qirf::dense::{LIBRARIES, Library, serving};
 use crate::qirf::overlap::Method;
 use crate::qirf::participation::Eigensolver;
+use crate::qirf::study::Basis;
 use crate::render::{Culling, Settings};
+
+/// The name of the engine's own transmittance at which blending stops.
+pub(super) const STOP: &str = "1e-4";
+
+/// The name of the unchanged run among effects.
+pub(super) const UNCHANGED: &str = "default";
 
 /// A rung: its name and its value.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,11 +20,6 @@ pub struct Rung<T> {
     pub name: String,
     /// The value to measure.
     pub value: T,
-}
-
-/// The rungs of these names; a name without a value, which the parser of `--axis` refuses, is left out.
-pub(super) fn rungs<T>(names: &[String], read: impl Fn(&str) -> Option<T>) -> Vec<Rung<T>> {
-    names.iter().filter_map(|name| Some(Rung { name: name.clone(), value: read(name)? })).collect()
 }
 
 /// A rung of the overlap axis.
@@ -41,23 +42,13 @@ impl Formula {
     }
 }
 
-/// A rung of the epsilon axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Regularisation {
-    /// Added to the metric's diagonal.
-    Epsilon(f64),
-    /// Width added to every Gaussian, in median scales.
-    Dilation(f64),
-}
-
-impl Regularisation {
-    pub(super) fn of(name: &str) -> Option<Self> {
-        let (text, make): (_, fn(f64) -> Self) = match name.strip_prefix("t=") {
-            Some(t) => (t, Self::Dilation),
-            None => (name, Self::Epsilon),
-        };
-        text.parse().ok().filter(|v| (0.0..1e6).contains(v)).map(make)
-    }
+/// The engine's basis with another epsilon, or as `t=0.3` with a dilation of every Gaussian, in median scales.
+pub(super) fn basis(name: &str) -> Option<Basis> {
+    let value = |text: &str| text.parse::<f64>().ok().filter(|v| (0.0..1e6).contains(v));
+    Some(match name.strip_prefix("t=") {
+        Some(t) => Basis { dilate: value(t)?, ..Basis::default() },
+        None => Basis { epsilon: value(name)?, ..Basis::default() },
+    })
 }
 
 /// A rung of the axis of gradient sums.
@@ -81,7 +72,7 @@ pub(super) fn culling(name: &str) -> Option<Culling> {
 
 /// The transmittance of a rung; the default has a margin that avoids ties: see [`Settings`].
 pub(super) fn stop(name: &str) -> Option<f32> {
-    if name == Axis::Stop.default_rung() {
+    if name == STOP {
         return Some(Settings::default().stop);
     }
     name.parse().ok().filter(|v| (0.0..1.0).contains(v))
@@ -106,6 +97,12 @@ impl Solver {
         };
         let eigensolver = Eigensolver::ALL.into_iter().find(|solver| solver.name() == name)?;
         Some(Self { eigensolver, library })
+    }
+
+    /// The host's solvers with libraries other than the serving one, as `SOLVER@LIBRARY`.
+    pub(super) fn elsewhere() -> Vec<String> {
+        let others = LIBRARIES.iter().skip(1).map(|library| library.name());
+        others.flat_map(|name| Eigensolver::HOST.map(|solver| format!("{solver}@{name}"))).collect()
     }
 }
 
@@ -133,8 +130,11 @@ pub(super) fn fraction(name: &str) -> Option<f64> {
 }
 
 /// An effect and its choice; `None` for the unchanged run.
-pub(super) fn switch(name: &str) -> Result<Option<(Effect, Choice)>, String> {
-    if name == Axis::Effects.default_rung() {
+pub type Switch = Option<(Effect, Choice)>;
+
+/// A rung of the effects axis.
+pub(super) fn switch(name: &str) -> Result<Switch, String> {
+    if name == UNCHANGED {
         return Ok(None);
     }
     match Overrides::parse(name)? {

@@ -1,8 +1,7 @@
 //! The axis of eigensolvers: on the subject's own blocks, and by block size.
 
-use super::axis::Axis;
 use super::blocks::{self, Problem, jaccard};
-use super::records::{AxisRecord, RungRecord, Table, figure};
+use super::records::{AxisRecord, Table, figure};
 use super::rung::{Rung, Solver};
 use super::subject::Context;
 use super::timing::{Sample, Timed, interleaved};
@@ -142,20 +141,15 @@ impl<'a> Measured<'a> {
 }
 
 /// Measures the axis.
-pub fn measure(context: &Context<'_>, rungs: &[Rung<Solver>]) -> Result<AxisRecord, Error> {
+pub fn measure(context: &Context<'_>, rungs: &[Rung<Solver>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let resident = Resident::upload(context.session.device, model)?;
     let scene = blocks::sampled(model, Basis::default().partition);
-    let mut axis = AxisRecord::new(
-        Axis::Solver,
-        "Eigensolver of the blocks",
-        ["largest relative error of q", "low-rank in float64, block by block", "ms for all blocks measured"],
-    );
     let measured = Measured::new(context, &resident, &scene)?;
     for (Rung { name, value }, (d, timed)) in
         rungs.iter().zip(measured.measure(context, rungs, true, context.seconds)?)
     {
-        let mut rung = RungRecord::new(Axis::Solver, name).timed(&timed, 1e3);
+        let mut rung = axis.rung(name).timed(&timed, 1e3);
         rung.accuracy = Some(d.q);
         rung.exact = value.eigensolver == EXACT && *value.library == *serving();
         rung.figures.insert("lambda_error", d.lambda);
@@ -173,7 +167,7 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Solver>]) -> Result<AxisReco
         sizes.iter().max().unwrap_or(&0)
     ));
     by_size(context, &resident, rungs, &mut axis)?;
-    Ok(axis.judged(["all solvers are bound by the same factorisation.", "rounding decides nothing at this size."]))
+    Ok(axis)
 }
 
 /// Times per block of each size on one thread.

@@ -8,7 +8,7 @@ use crate::job::{Error, Init, Output, RunConfig, Session};
 use crate::metrics::Networks;
 use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::setup::Setup;
-use crate::pipeline::virtual_views::{self, VirtualCameras};
+use crate::pipeline::virtual_views::{self, VirtualCameras, VirtualViews};
 use crate::render::{Renderer, Settings, Style};
 use crate::response::{Responses, Wanted};
 use crate::scene::Photo;
@@ -124,7 +124,7 @@ pub fn of_model(
     }
     let size = cameras.size;
     let cameras = VirtualCameras { views: AROUND, ..cameras };
-    let (cameras, settings) = cameras.views(&model, background, Style::of(mode));
+    let VirtualViews { around: cameras, settings, .. } = cameras.views(&model, background, Style::of(mode));
     let resident = Resident::upload(session.device, &model)?;
     let responses = virtual_views::responses(session, &resident, &cameras, None, settings, Wanted::CHANNELS)?;
     let mut renderer = Renderer::new(session.device, settings, model.len(), size.0, size.1)?;

@@ -1,6 +1,7 @@
 //! Configuration of a compression.
 
-use crate::job::config::{PruneRule, Selection};
+use crate::job::Selection;
+use crate::job::config::PruneRule;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::qirf::select::Selector;
 use crate::qirf::select::budget::Budget;

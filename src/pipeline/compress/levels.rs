@@ -4,8 +4,7 @@ use super::config::CompressConfig;
 use super::train;
 use super::views::Views;
 use crate::gaussians::Gaussians;
-use crate::job::Error;
-use crate::job::session::Session;
+use crate::job::{Error, Session};
 use crate::qirf::pairs::Sequence;
 
 /// Gaussians of a level as a share of those of the finer one.

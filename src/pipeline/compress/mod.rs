@@ -3,25 +3,21 @@
 pub mod aim;
 mod config;
 pub mod cost;
-pub mod curve;
 pub mod fit;
 pub mod levels;
-pub mod peer;
 pub mod remarks;
-mod scoring;
+pub(crate) mod scoring;
 pub mod stages;
-mod train;
-mod views;
+pub(crate) mod train;
+pub(crate) mod views;
 
 pub use config::{CompressConfig, ViewSource};
 
 use super::prune::{self, PruneRequest};
 use super::virtual_views::ALL;
 use crate::gaussians::{Gaussians, formats};
-use crate::job::Error;
-use crate::job::output::bytes_on_disk;
 use crate::job::records::{Aim, CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
-use crate::job::session::Session;
+use crate::job::{Error, Session};
 use crate::metrics::{self, Scores};
 use crate::qirf::select::Selector;
 use fit::{Fitted, Fitter, Judge, Target};
@@ -77,7 +73,7 @@ pub fn compress_to(
     session.watcher.unless_stopped()?;
     let writing = Instant::now();
     target.write(packed, &model, config.style.mode())?;
-    record.output = model_file(target.path, &model);
+    record.output = ModelFile::of(target.path, &model);
     record.time.write_s += seconds(writing);
     record.time.total_s = record.time.read_s + seconds(begun);
     Ok(record)
@@ -106,7 +102,7 @@ fn reduce(
     }
     let Session { device, watcher, .. } = *session;
     let Input { path, model, read_s } = input;
-    let input = model_file(path, &model);
+    let input = ModelFile::of(path, &model);
     let mut time = CompressTimes { read_s, ..CompressTimes::default() };
 
     let (views, shown) = Views::load(session, &model, config, ALL)?;
@@ -172,7 +168,7 @@ fn reduce(
         device: device.tuned(),
         protocol: views.protocol(config),
         input,
-        output: model_file(target.path, &model),
+        output: ModelFile::of(target.path, &model),
         prune,
         aim,
         test: StageScores::mean(&stages),
@@ -197,10 +193,6 @@ fn of_file(
         }
         None => Ok(unpacked.to_vec()),
     }
-}
-
-fn model_file(path: &Path, model: &Gaussians) -> ModelFile {
-    ModelFile { path: path.to_owned(), bytes: bytes_on_disk(path), gaussians: model.len(), sh_degree: model.degree() }
 }
 
 fn seconds(since: Instant) -> f64 {

@@ -4,8 +4,7 @@ use super::config::CompressConfig;
 use super::views::Views;
 use crate::gaussians::Gaussians;
 use crate::job::records::Truth;
-use crate::job::session::Session;
-use crate::job::{Error, Stage};
+use crate::job::{Error, Session, Stage};
 use crate::metrics::Scores;
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::evaluate::Evaluator;
@@ -45,8 +44,7 @@ impl<'a> Scoring<'a> {
         let mut evaluator = Evaluator::of(device, *settings, model, test.iter().map(|(_, view)| view))?;
         let (done, total) = (self.done, self.total);
         let held_out = evaluator.held_out(model, test, None, networks, &mut |now| {
-            watcher.progress(Stage::Scores, done + now, total.max(done + test.len()));
-            watcher.unless_stopped()
+            watcher.step(Stage::Scores, done + now, total.max(done + test.len()))
         })?;
         self.done += test.len();
         self.seconds += begun.elapsed().as_secs_f64();

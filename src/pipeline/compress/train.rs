@@ -6,8 +6,7 @@ use crate::gaussians::Gaussians;
 use crate::gpu::Device;
 use crate::job::config::Pruning;
 use crate::job::records::Truth;
-use crate::job::session::Session;
-use crate::job::{Error, Stage};
+use crate::job::{Error, Session, Stage};
 use crate::pipeline::{pair_capacity, virtual_views};
 use crate::render::Source;
 use crate::response::Responses;
@@ -29,10 +28,7 @@ pub fn respond(
     let wanted = config.compression.selector.reads();
     if views.truth == Truth::Photos {
         let options = options(device, model.len(), degree, views, config);
-        let follow = |done| -> Result<(), Error> {
-            watcher.progress(Stage::Responses, done, views.train.len());
-            watcher.unless_stopped()
-        };
+        let follow = |done| -> Result<(), Error> { watcher.step(Stage::Responses, done, views.train.len()) };
         return train::responses(device, model, &views.train, &options, wanted, (follow, of));
     }
     let cameras: Vec<Camera> = views.train.iter().map(|v| v.camera.clone()).collect();

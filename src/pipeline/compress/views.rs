@@ -2,15 +2,13 @@
 
 use super::config::{CompressConfig, ViewSource};
 use crate::gaussians::Gaussians;
-use crate::job::Error;
-use crate::job::config::Selection;
 use crate::job::records::{CompressProtocol, StageScores, Truth, ViewStages};
-use crate::job::session::Session;
+use crate::job::{Error, Selection, Session};
 use crate::metrics::Scores;
 use crate::pipeline::budget::{self, CompressNeeds};
 use crate::pipeline::draw_source::DrawSource;
 use crate::pipeline::prepare::{Opened, Prepared, open};
-use crate::pipeline::virtual_views::{OwnPictures, VirtualCameras};
+use crate::pipeline::virtual_views::{OUTWARD, OwnPictures, VirtualCameras};
 use crate::qirf::select::budget::Keep;
 use crate::render::Settings;
 use crate::scene::camera::Camera;
@@ -119,13 +117,14 @@ impl Views {
         held_out: Range<usize>,
     ) -> Result<(Self, DrawSource<'m>), Error> {
         let size = [cameras.size.0, cameras.size.1];
-        let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); cameras.views as usize];
+        let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); cameras.views as usize + OUTWARD];
         let needs = CompressNeeds { size, own_pictures: true, photos, ..CompressNeeds::default() };
         let place = budget::for_compress(session.device, model, Self::with_config(needs, model, config))?;
-        let (cameras, settings) = cameras.views(model, background, config.style);
+        let views = cameras.views(model, background, config.style);
+        let settings = views.settings;
         let shown = DrawSource::new(session, model, place.whole)?;
         let OwnPictures { train, test } =
-            OwnPictures::draw(session, shown.source(), cameras, settings, config.fine_tune > 0, held_out)?;
+            OwnPictures::draw(session, shown.source(), views, config.fine_tune > 0, held_out)?;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
         let (truth, estimated_bytes) = (Truth::OwnPictures, place.bytes);
         Ok((Self { truth, train, names: Vec::new(), test, extent, settings, exposures: None, estimated_bytes }, shown))

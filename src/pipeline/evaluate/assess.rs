@@ -3,10 +3,9 @@
 use super::evaluator::{Evaluator, HeldOut};
 use super::exposure_fit;
 use crate::gaussians::Gaussians;
-use crate::job::config::Selection;
 use crate::job::output::bytes_on_disk;
 use crate::job::records::{Counts, Guards, Protocol, RunRecord, Times, TrainScores, infinite_for_nulls};
-use crate::job::{Error, Session};
+use crate::job::{Error, Selection, Session};
 use crate::metrics::Networks;
 use crate::pipeline::prepare::Prepared;
 use crate::render::Source;

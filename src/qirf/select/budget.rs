@@ -10,7 +10,7 @@ use crate::wording::named;
 /// Shares are rounded to millionths, so that counts are computed from integers.
 const MILLION: u128 = 1_000_000;
 /// Largest share of the kept Gaussians, as one in this many, that the detail safeguard may choose.
-const MOST_DETAIL: usize = 5;
+pub const MOST_DETAIL: usize = 5;
 
 named! {
     /// Distribution of the count over blocks.

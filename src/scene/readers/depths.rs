@@ -1,11 +1,12 @@
 //! Depth maps of photos, in a folder of their own.
 
-use crate::extension::has_extension;
+use crate::extension::{extension, has_extension};
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use super::files::{Folders, appended, inside};
-use super::names::{belongs_to, key, last, number};
+use super::names::{Named, belongs_to, key, last, number};
+use crate::scene::View;
 use crate::wording::counted;
 
 /// Extensions of depth maps; `render --depth` writes the first.
@@ -26,9 +27,7 @@ impl DepthMaps {
         let files: Vec<PathBuf> = inside(folder).into_iter().filter(|path| path.is_file()).collect();
         let mut owned = HashMap::<_, BTreeSet<_>>::new();
         for path in files.iter().filter(|path| has_extension(path, &EXTENSIONS)) {
-            // All are files of numbers without loss, as PNG is.
-            let name = path.with_extension("png").file_name().unwrap_or_default().to_string_lossy().into_owned();
-            for owner in belongs_to(&name, true) {
+            for owner in belongs_to(&as_png(path), true) {
                 owned.entry(owner).or_default().insert(path.clone());
             }
         }
@@ -59,14 +58,33 @@ impl DepthMaps {
         (self.files.is_empty() && folders.next().is_none()).then_some(first)
     }
 
-    /// A note on a folder none of whose files is a photo's.
-    pub fn doubt(&self) -> String {
+    /// A note on a folder none of whose files is the map of one of these views' photos.
+    pub fn doubt(&self, views: &[View]) -> String {
+        let photos = Named::of(views.iter().map(|view| key(last(&view.name))).collect());
+        let named = |path: &Path| {
+            let name = as_png(path);
+            photos.has_owner(&[key(&name)]) || photos.has_owner(&belongs_to(&name, true))
+        };
+        let unread = |path: &PathBuf| Some((path.clone(), unread_depth_map(path).filter(|_| named(path))?));
         let (folder, number) = (self.folder.display(), counted(self.files.len(), "file"));
-        let such = self.files.first().and_then(|path| path.file_name()).unwrap_or_default().to_string_lossy();
-        if self.files.is_empty() {
-            format!("no depth map used: {folder} holds no files")
-        } else {
-            format!("no depth map used: {folder} holds {number} such as {such}, none a depth map with a photo's name")
-        }
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let told = match (self.files.first(), self.files.iter().find_map(unread)) {
+            (_, Some((path, what))) => format!("{number}, and {} {what}", name(&path)),
+            (Some(first), None) => format!("{number} such as {}, none a depth map with a photo's name", name(first)),
+            (None, None) => "no files".to_owned(),
+        };
+        format!("no depth map used: {folder} holds {told}")
     }
+}
+
+/// The name of a file as that of a PNG: depth maps are files of numbers without loss, as PNG is.
+fn as_png(path: &Path) -> String {
+    path.with_extension("png").file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The fault of a depth map whose extension is that of no format that is read, as a predicate, and the remedy.
+pub fn unread_depth_map(map: &Path) -> Option<String> {
+    let extension = extension(map);
+    let what = if extension.is_empty() { "of an unknown format".to_owned() } else { format!(".{extension}") };
+    (!has_extension(map, &EXTENSIONS)).then(|| format!("is {what}, which is not read: save as .npy"))
 }

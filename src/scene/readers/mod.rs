@@ -22,6 +22,8 @@ mod repeated;
 mod transforms;
 mod tree;
 
+#[cfg(feature = "pipeline")]
+pub(crate) use depths::unread_depth_map;
 pub use files::read_text;
 pub use instead::instead;
 pub use kinds::is_video_name;
@@ -178,7 +180,7 @@ fn find_depths(folder: &Path, views: &mut [View], skipped: &mut Skipped) {
     }
     if used.is_empty() {
         skipped.missing_depths = Names::default();
-        skipped.notes.push(maps.doubt());
+        skipped.notes.push(maps.doubt(views));
     }
 }
 

@@ -1,12 +1,11 @@
 //! Beginning of a block's run: its parts of photos, and its checkpoint.
 
 use super::layout::Block;
+use super::members::with_tail;
 use super::run::BlockRun;
 use crate::gaussians::Gaussians;
-use crate::job::config::RunConfig;
 use crate::job::records::PruneRecord;
-use crate::job::session::Session;
-use crate::job::{Error, Output, Silent};
+use crate::job::{Error, Output, RunConfig, Session, Silent};
 use crate::pipeline::budget;
 use crate::pipeline::checkpoint::{Checkpoint, RunNotes};
 use crate::pipeline::prepare::Prepared;
@@ -15,8 +14,8 @@ use crate::pipeline::start::Start;
 use crate::render::visible;
 use crate::scene::Photo;
 use crate::train::checkpoint::Snapshot;
-use crate::train::exposure;
-use crate::train::{self, Exposures};
+use crate::train::{self, Exposures, exposure};
+use std::collections::HashSet;
 use std::time::Instant;
 
 impl BlockRun {
@@ -72,12 +71,15 @@ impl Setup<'_> {
         (0..model.len()).filter(|i| shown[*i]).collect()
     }
 
-    /// The checkpoint in `output`, if it belongs to this run; otherwise the state from `begin`, after these prunes.
+    /// The checkpoint in `output`, if there is one. Otherwise the state that `before` gives for these rows of the scene,
+    /// with the other rows frozen, after this prune if there was one.
     pub(super) fn start(
         &mut self,
+        scene: &Gaussians,
+        rows: &[usize],
+        before: impl FnOnce(&Self) -> Result<Snapshot, Error>,
+        prune: Option<PruneRecord>,
         output: &Output,
-        begin: impl FnOnce(&Self) -> Result<Snapshot, Error>,
-        prunes: &[PruneRecord],
     ) -> Result<Start, Error> {
         let Session { device, watcher, .. } = self.session;
         let checkpoint = if output.checkpoint().exists() {
@@ -85,10 +87,12 @@ impl Setup<'_> {
             watcher.note(&format!("resuming after iteration {}", checkpoint.snapshot.iteration));
             checkpoint
         } else {
-            let snapshot = begin(self)?;
+            let trained: HashSet<usize> = rows.iter().copied().collect();
+            let others: Vec<usize> = (0..scene.len()).filter(|i| !trained.contains(i)).collect();
+            let snapshot = with_tail(&before(self)?, &scene.select(&self.shown(scene, &others)));
             let initial = snapshot.model.len() - snapshot.tail;
-            let notes =
-                RunNotes { config: self.config.written()?, initial, prunes: prunes.to_vec(), ..RunNotes::default() };
+            let prunes = prune.into_iter().collect();
+            let notes = RunNotes { config: self.config.written()?, initial, prunes, ..RunNotes::default() };
             Checkpoint { snapshot, notes }
         };
         self.estimated_bytes = budget::for_block(device, &self.config, &self.prepared, &checkpoint.snapshot)?;

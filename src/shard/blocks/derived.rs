@@ -1,8 +1,8 @@
 //! Configurations derived from that of a run in blocks: of the coarse model, and of each block.
 
 use super::layout::Block;
-use crate::job::Error;
-use crate::job::config::{ResponseSource, RunConfig};
+use crate::job::config::ResponseSource;
+use crate::job::{Error, RunConfig};
 use crate::random;
 use crate::train::schedule::Schedule;
 
@@ -45,9 +45,9 @@ pub(super) fn coarse(config: &RunConfig, divisor: u32, points: bool) -> RunConfi
     RunConfig { resolution, schedule, prune: None, ..config.clone() }
 }
 
-/// The iterations at which the blocks meet: before the prune; halfway from there to the end, but not before attrition
-/// ends; and halfway from that to the end.
-pub(super) fn meetings(config: &RunConfig) -> [u32; 3] {
+/// The iterations at which the legs of a block's training end. The blocks meet at the first three: before the prune;
+/// halfway from there to the end, but not before attrition ends; and halfway from that to the end.
+pub(super) fn ends(config: &RunConfig) -> [u32; 4] {
     let (length, schedule) = (config.schedule.iterations, &config.schedule);
     let at = |share: f64| (f64::from(length) * share).round() as u32;
     let pruning = config.prune.as_ref();
@@ -56,7 +56,7 @@ pub(super) fn meetings(config: &RunConfig) -> [u32; 3] {
     // The next iteration begins with the prune that ends attrition.
     let pruned = pruning.and_then(|p| p.attrition).map_or(0, |attrition| at(attrition.until) + 1);
     let second = first.midpoint(length).max(pruned).min(length);
-    [first, second, second.midpoint(length)]
+    [first, second, second.midpoint(length), length]
 }
 
 /// The configuration of block number `b` of a run on `all` photos: as many rounds over its photos as the whole run
@@ -135,16 +135,16 @@ mod tests {
     fn blocks_meet_at_the_prune_and_twice_more() {
         let mut config = run(1000);
         config.schedule.densify_until = 0.4;
-        assert_eq!(meetings(&config), [500, 750, 875]);
+        assert_eq!(ends(&config), [500, 750, 875, 1000]);
         config.schedule.densify_until = 0.7;
-        assert_eq!(meetings(&config), [700, 850, 925]);
+        assert_eq!(ends(&config), [700, 850, 925, 1000]);
         let pruning = |at: &[f64]| Pruning { at: at.to_vec(), ..Pruning::at_once() };
         let config = run(1000).pruned(pruning(&[0.6]));
-        assert_eq!(meetings(&config), [600, 800, 900]);
+        assert_eq!(ends(&config), [600, 800, 900, 1000]);
         assert!(check(&config).is_ok());
-        let attrition = |at: f64| meetings(&run(1000).pruned(Pruning { at: vec![at], ..Pruning::default() }));
+        let attrition = |at: f64| ends(&run(1000).pruned(Pruning { at: vec![at], ..Pruning::default() }));
         assert_eq!(Pruning::default().attrition.unwrap().until, 0.75);
-        assert_eq!([attrition(0.5), attrition(0.6)], [[500, 751, 875], [600, 800, 900]]);
+        assert_eq!([attrition(0.5), attrition(0.6)], [[500, 751, 875, 1000], [600, 800, 900, 1000]]);
         let several = run(1000).pruned(pruning(&[0.5, 0.6]));
         assert!(matches!(check(&several), Err(Error::Usage(text)) if text.contains("gradual")));
     }

@@ -1,6 +1,6 @@
 //! The layout of a scene in blocks: their cells, and the parts of photos that each trains on.
 
-use super::members::Members;
+use super::members::inside;
 use super::seen::{BlockVisibility, Seen};
 use crate::gaussians::Gaussians;
 use crate::scene::camera::Camera;
@@ -61,8 +61,8 @@ impl Layout {
         let sum = |rows: &mut dyn Iterator<Item = usize>| rows.map(|i| f64::from(weights[i].max(0.0))).sum::<f64>();
         let all = sum(&mut (0..model.len()));
         let block = |cell: usize| {
-            let members = Members::of(&cells, cell, GROWN, model);
-            let painted = if all > 0.0 { sum(&mut members.trained.into_iter()) / all } else { 0.0 };
+            let rows = inside(&cells, cell, GROWN, model);
+            let painted = if all > 0.0 { sum(&mut rows.into_iter()) / all } else { 0.0 };
             Block { crops: crops(&cells, cell, cameras, seen), painted }
         };
         let blocks: Vec<Block> = (0..cells.count()).map(block).collect();

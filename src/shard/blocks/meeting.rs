@@ -1,7 +1,7 @@
 //! Meetings, which synchronise the blocks: all Gaussians, and the rows each block trains next.
 
 use super::layout::{Block, GROWN, Layout};
-use super::members::{select, with_margin};
+use super::members::{inside, select, with_margin};
 use crate::gaussians::Gaussians;
 use crate::job::Error;
 use crate::train::checkpoint::Snapshot;
@@ -13,17 +13,6 @@ pub struct Meeting {
     pub collected: Gaussians,
     /// The first row of each block in it.
     pub starts: Vec<usize>,
-}
-
-/// A block at a meeting.
-#[derive(Clone, Copy)]
-pub struct AtMeeting<'a> {
-    /// All blocks.
-    pub layout: &'a Layout,
-    /// The block's number.
-    pub b: usize,
-    /// The meeting.
-    pub meeting: &'a Meeting,
 }
 
 /// Returns a block's state as it came to a meeting.
@@ -40,25 +29,24 @@ impl Meeting {
         layout.blocks.get(b).filter(|block| !block.crops.is_empty() && !self.rows(b).is_empty())
     }
 
-    /// Other blocks' rows in the grown cell of block number `b`, rising.
-    pub(super) fn margin(&self, layout: &Layout, b: usize) -> Vec<usize> {
-        let own = self.rows(b);
-        let grown = layout.cells.grown(b, GROWN);
-        (0..self.collected.len()).filter(|i| !own.contains(i) && grown.contains(self.collected.means[*i])).collect()
-    }
-
-    /// The rows that block number `b` trains together with its margin: its own, then the margin's.
+    /// The rows that block number `b` trains together with its margin: its own, then those of other blocks in its grown
+    /// cell, rising.
     pub(super) fn trained_by(&self, layout: &Layout, b: usize) -> Vec<usize> {
-        let margin = if self.trains(layout, b).is_some() { self.margin(layout, b) } else { Vec::new() };
-        self.rows(b).chain(margin).collect()
+        let own = self.rows(b);
+        let mut rows: Vec<usize> = own.clone().collect();
+        if self.trains(layout, b).is_some() {
+            let inside = inside(&layout.cells, b, GROWN, &self.collected);
+            rows.extend(inside.into_iter().filter(|i| !own.contains(i)));
+        }
+        rows
     }
 
-    /// The state of block number `b` as it came, followed by these collected rows of other blocks, rising.
-    pub(super) fn with(&self, came: Came<'_>, b: usize, margin: &[usize]) -> Result<Snapshot, Error> {
+    /// The state of block number `b` as it came, followed by those of `rows` that other blocks contributed, rising.
+    pub(super) fn with(&self, came: Came<'_>, b: usize, rows: &[usize]) -> Result<Snapshot, Error> {
         let mut state = came(b)?;
-        for other in 0..self.starts.len() {
+        for other in (0..self.starts.len()).filter(|other| *other != b) {
             let of_other = self.rows(other);
-            let rows: Vec<usize> = margin.iter().filter(|i| of_other.contains(i)).map(|i| i - of_other.start).collect();
+            let rows: Vec<usize> = rows.iter().filter(|i| of_other.contains(i)).map(|i| i - of_other.start).collect();
             if !rows.is_empty() {
                 state = with_margin(state, &select(&came(other)?, &rows));
             }

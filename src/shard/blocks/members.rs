@@ -5,23 +5,10 @@ use crate::shard::kd_tree::Cells;
 use crate::train::checkpoint::Snapshot;
 use std::ops::Range;
 
-/// A model's rows, divided by their role in a block.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Members {
-    /// Rows in the grown cell, which the block trains; rising.
-    pub trained: Vec<usize>,
-    /// All other rows, which it only sees; rising.
-    pub seen: Vec<usize>,
-}
-
-impl Members {
-    /// The rows of `model` in a cell that is grown by `share` of its sides, and the rest.
-    pub fn of(cells: &Cells, cell: usize, share: f64, model: &Gaussians) -> Self {
-        let grown = cells.grown(cell, share);
-        let inside = |i: &usize| grown.contains(model.means[*i]);
-        let (trained, seen) = (0..model.len()).partition(inside);
-        Self { trained, seen }
-    }
+/// The rows of `model` in a cell that is grown by `share` of its sides, rising: those that the cell's block trains.
+pub(super) fn inside(cells: &Cells, cell: usize, share: f64, model: &Gaussians) -> Vec<usize> {
+    let grown = cells.grown(cell, share);
+    (0..model.len()).filter(|i| grown.contains(model.means[*i])).collect()
 }
 
 /// A state before any iteration; the last `tail` Gaussians never change.
@@ -136,15 +123,16 @@ mod tests {
         let cells = cells(&whole);
         let (mut handed, mut blocks) = (Vec::new(), Vec::new());
         for cell in 0..cells.count() {
-            let members = Members::of(&cells, cell, 0.2, &whole);
-            assert_eq!(members.trained.len() + members.seen.len(), 200);
-            let trained = members.trained.len();
+            let rows = inside(&cells, cell, 0.2, &whole);
+            let others: Vec<usize> = (0..200).filter(|i| !rows.contains(i)).collect();
+            let trained = rows.len();
+            assert_eq!(trained + others.len(), 200);
             assert!(trained > 40 && trained < 120, "{trained}");
-            let state = snapshot(whole.select(&[&members.trained[..], &members.seen[..]].concat()), members.seen.len());
+            let state = snapshot(whole.select(&[&rows[..], &others[..]].concat()), others.len());
             let kept = owned(&state, &cells, cell);
             assert!(kept.tail == 0 && kept.model.len() < trained && kept.iteration == 9);
             for (row, logit) in kept.model.opacity_logits.iter().enumerate() {
-                let before = members.trained.iter().position(|i| *i as f32 == *logit).unwrap() as f32;
+                let before = rows.iter().position(|i| *i as f32 == *logit).unwrap() as f32;
                 let at = |width: usize, moments: &[f32]| moments[2 * width * row..2 * width * (row + 1)].to_vec();
                 assert_eq!(at(3, &kept.moments.means), [before; 6]);
                 assert_eq!(at(9, &kept.moments.sh[1]), [before; 18]);

@@ -15,7 +15,7 @@ mod share;
 
 pub use blend::{Copies, copies};
 pub use layout::{Block, Crop, GROWN, Layout};
-pub use meeting::{AtMeeting, Meeting};
-pub use members::{Members, joined, owned, with_tail};
-pub use run::{BlockRun, BlockState};
+pub use meeting::Meeting;
+pub use members::{joined, owned, with_tail};
+pub use run::{BlockRun, BlockState, Leg};
 pub use seen::{BlockVisibility, Seen, seen};

@@ -1,20 +1,19 @@
 //! Training a scene in blocks, stage by stage: a coarse model of the whole scene, its division, each block up to the
 //! prune, one choice among all Gaussians, and each block from one meeting to the next and to its end.
 
-use super::derived::{check, coarse, meetings, of_block};
+use super::derived::{check, coarse, ends, of_block};
 use super::first::first;
 use super::layout::{GROWN, Layout};
-use super::meeting::{AtMeeting, Came, Meeting};
-use super::members::{Members, beginning, own, owned, with_tail};
+use super::meeting::{Came, Meeting};
+use super::members::{beginning, inside, own, owned};
 use super::seen::seen;
 use crate::effects::{Choice, Effect};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::job::config::{Init, Pruning, RunConfig, Selection};
+use crate::job::config::Pruning;
 use crate::job::output::absolute;
 use crate::job::records::PruneRecord;
-use crate::job::session::Session;
-use crate::job::{Error, Output};
+use crate::job::{Error, Init, Output, RunConfig, Selection, Session};
 use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
@@ -30,8 +29,9 @@ use crate::scene::{AlphaRole, Skipped};
 use crate::shard::kd_tree::{Cells, Contraction};
 use crate::train::Exposures;
 use crate::train::checkpoint::Snapshot;
+use crate::train::growth::Growth;
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, HashSet};
+use std::collections::BTreeMap;
 
 /// Largest sides of photos beyond which the coarse model uses them at half and at a quarter of their size.
 const LARGE: [u32; 2] = [256, 1024];
@@ -75,6 +75,26 @@ pub struct BlockState {
     pub prune: Option<PruneRecord>,
 }
 
+/// A leg of a block's training, from one meeting to the next or to the end.
+pub struct Leg<'a> {
+    /// All blocks.
+    pub layout: &'a Layout,
+    /// The block's number.
+    pub b: usize,
+    /// The meeting whose Gaussians it trains: the first in the first leg, the second in the others.
+    pub meeting: &'a Meeting,
+    /// The leg's number: 1 from the first meeting to the second, 2 to the third, 3 to the end.
+    pub(in crate::shard) number: usize,
+    /// Number of Gaussians that it prunes to; only the first leg prunes.
+    pub quota: Option<usize>,
+    /// The block's prune in an earlier leg.
+    pub prune: Option<PruneRecord>,
+    /// Returns a block's state before the leg.
+    pub came: Came<'a>,
+    /// The scene of the blocks' blended copies, if the leg begins with it in place of the meeting's Gaussians.
+    pub blended: Option<&'a Gaussians>,
+}
+
 impl BlockRun {
     /// Plans a run in blocks: reads the scene, decides on its effects, and fixes everything that tasks must agree on.
     /// Without a number of blocks, uses as many as are needed for each to fit the device.
@@ -106,7 +126,11 @@ impl BlockRun {
             }
         }
         let schedule = &mut config.schedule;
-        schedule.growth = schedule.growth.map(|plan| plan.for_photos(&pixels, schedule.iterations));
+        schedule.growth = schedule.growth.map(|plan| {
+            let plan = plan.for_photos(&pixels, schedule.iterations);
+            // A scene of more points than the plan asks for keeps them.
+            Growth { gaussians: plan.gaussians.map(|n| n.max(initial)), ..plan }
+        });
         let photos = prepared.names_to_train();
         let held_out = prepared.test.iter().map(|(name, _)| name.clone()).collect();
         let blocks = match blocks {
@@ -145,9 +169,7 @@ impl BlockRun {
         let config = coarse(&self.config, divisor(opened.size()), points);
         let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;
         all_there(&setup.prepared.scene, &self.photos)?;
-        let mut run = ActiveRun::start(&setup, &setup.config, output, start)?;
-        run.train(setup.config.schedule.iterations)?;
-        Ok(run.checkpoint()?.snapshot)
+        Ok(train_until(&setup, start, setup.config.schedule.iterations, output)?.0)
     }
 
     /// The blocks of the scene, from pictures of a coarse model in the size that it was trained on.
@@ -184,24 +206,24 @@ impl BlockRun {
         let mut full = Gaussians::zeroed(0, self.config.sh_degree);
         full.append(coarse);
         let coarse = &full;
-        let members = Members::of(&layout.cells, b, GROWN, coarse);
-        if members.trained.is_empty() || block.crops.is_empty() {
-            return Ok(owned(&beginning(coarse.select(&members.trained), 0), &layout.cells, b));
+        let rows = inside(&layout.cells, b, GROWN, coarse);
+        if rows.is_empty() || block.crops.is_empty() {
+            return Ok(owned(&beginning(coarse.select(&rows), 0), &layout.cells, b));
         }
         let config = of_block(&self.config, block, b, self.photos.len());
         let mut setup = self.setup(session, config, block, &layout.exposures, output)?;
-        setup.take_share(coarse, &members.trained, layout.of_nothing())?;
+        setup.take_share(coarse, &rows, layout.of_nothing())?;
         let before = |setup: &Setup<'_>| {
             let (points, grown) = (&setup.prepared.scene.points, layout.cells.grown(b, GROWN));
-            let of_coarse = coarse.select(&members.trained);
+            let of_coarse = coarse.select(&rows);
             let first = match self.config.init {
                 Init::Points => first(points, setup.prepared.unit(), &grown, of_coarse, setup.config.max_gaussians),
                 Init::Random | Init::Model(_) => of_coarse,
             };
             Ok(beginning(first, 0))
         };
-        let train = ToTrain { scene: coarse, rows: &members.trained, before, until: |config| meetings(config)[0] };
-        let (snapshot, _) = train_block(&mut setup, train, None, output)?;
+        let start = setup.start(coarse, &rows, before, None, output)?;
+        let (snapshot, _) = train_until(&setup, start, ends(&setup.config)[0], output)?;
         Ok(owned(&snapshot, &layout.cells, b))
     }
 
@@ -230,89 +252,38 @@ impl BlockRun {
         let PrunePlan { record, keep, .. } =
             stages::choose(session, &meeting.collected.scaled(self.unit), &config, &self.photos, chunks)?;
         let quota = |b: usize| keep[meeting.rows(b)].iter().filter(|kept| **kept).count();
-        Ok((record.timeless(), (0..meeting.starts.len()).map(quota).collect()))
+        let record = PruneRecord { iteration: ends(&self.config)[0], ..record.timeless() };
+        Ok((record, (0..meeting.starts.len()).map(quota).collect()))
     }
 
-    /// A block from the first meeting to the second, with the Gaussians of the others frozen. It prunes to
-    /// `quota` Gaussians; without a quota it also trains other blocks' Gaussians that lie in its grown cell, since each
-    /// side of a border expects what the other does. It continues from the checkpoint in `output`, if there is one.
-    pub fn tune(
-        &self,
-        session: &Session<'_>,
-        AtMeeting { layout, b, meeting }: AtMeeting<'_>,
-        quota: Option<usize>,
-        came: Came<'_>,
-        output: &Output,
-    ) -> Result<BlockState, Error> {
+    /// Trains a block to the end of a leg, with the Gaussians of the others frozen. With a quota, the block prunes to
+    /// that many Gaussians; without one, it also trains other blocks' Gaussians that lie in its grown cell, since each
+    /// side of a border expects what the other does. From the second leg on it passes these on behind its own, as
+    /// copies for [`copies`](super::copies). It continues from the checkpoint in `output`, if there is one.
+    pub fn train(&self, session: &Session<'_>, leg: Leg<'_>, output: &Output) -> Result<BlockState, Error> {
+        let Leg { layout, b, meeting, number, quota, prune, came, blended } = leg;
+        let rows: Vec<usize> = if quota.is_some() { meeting.rows(b).collect() } else { meeting.trained_by(layout, b) };
+        let before = || match blended {
+            Some(blended) => came(b).map(|state| Snapshot { model: blended.select(&rows), ..state }),
+            None => meeting.with(came, b, &rows),
+        };
         let Some(block) = meeting.trains(layout, b) else {
-            return Ok(BlockState { state: came(b)?, copies: 0, prune: None });
+            return Ok(BlockState { state: before()?, copies: 0, prune });
         };
         let mut config = of_block(&self.config, block, b, self.photos.len());
         if let (Some(pruning), Some(quota)) = (&mut config.prune, quota) {
             pruning.compression.keep = Keep::Count(quota.max(1));
         }
-        let margin = if quota.is_some() { Vec::new() } else { meeting.margin(layout, b) };
         let mut setup = self.setup(session, config, block, &layout.exposures, output)?;
-        let trained: Vec<usize> = meeting.rows(b).chain(margin.iter().copied()).collect();
-        setup.take_share(&meeting.collected, &trained, layout.of_nothing())?;
-        let before = |_: &Setup<'_>| meeting.with(came, b, &margin);
-        let train = ToTrain { scene: &meeting.collected, rows: &trained, before, until: |config| meetings(config)[1] };
-        let (snapshot, prune) = train_block(&mut setup, train, None, output)?;
-        Ok(BlockState { state: own(&snapshot, margin.len()), copies: 0, prune })
-    }
-
-    /// A block from the second meeting to the third, after its prune if there was one. It trains other blocks'
-    /// Gaussians in its grown cell along with its own, and passes them on behind these, as copies for
-    /// [`copies`](super::copies). It continues from the checkpoint in `output`, if there is one.
-    pub fn settle(
-        &self,
-        session: &Session<'_>,
-        at: AtMeeting<'_>,
-        came: Came<'_>,
-        prune: Option<&PruneRecord>,
-        output: &Output,
-    ) -> Result<BlockState, Error> {
-        let AtMeeting { layout, b, meeting } = at;
-        let rows = meeting.trained_by(layout, b);
-        let before = || meeting.with(came, b, &rows[meeting.rows(b).len()..]);
-        let train = ToTrain { scene: &meeting.collected, rows: &rows, before, until: |config| meetings(config)[2] };
-        self.along_with_margin(session, at, train, prune, output)
-    }
-
-    /// A block from the third meeting to the end: like [`BlockRun::settle`], whose result is `settled`, in
-    /// `blended`, the scene of the blocks' blended copies.
-    pub fn finish(
-        &self,
-        session: &Session<'_>,
-        at: AtMeeting<'_>,
-        blended: &Gaussians,
-        settled: BlockState,
-        output: &Output,
-    ) -> Result<BlockState, Error> {
-        let rows = at.meeting.trained_by(at.layout, at.b);
-        let BlockState { state, prune, .. } = settled;
-        let before = || Ok(Snapshot { model: blended.select(&rows), ..state });
-        let train = ToTrain { scene: blended, rows: &rows, before, until: |config| config.schedule.iterations };
-        self.along_with_margin(session, at, train, prune.as_ref(), output)
-    }
-
-    /// Trains block number `b` and its margin, which are `rows` of the scene.
-    fn along_with_margin(
-        &self,
-        session: &Session<'_>,
-        AtMeeting { layout, b, meeting }: AtMeeting<'_>,
-        ToTrain { scene, rows, before, until }: ToTrain<'_, impl FnOnce() -> Result<Snapshot, Error>>,
-        prune: Option<&PruneRecord>,
-        output: &Output,
-    ) -> Result<BlockState, Error> {
-        let Some(block) = meeting.trains(layout, b) else {
-            return Ok(BlockState { state: before()?, copies: 0, prune: prune.cloned() });
-        };
-        let config = of_block(&self.config, block, b, self.photos.len());
-        let mut setup = self.setup(session, config, block, &layout.exposures, output)?;
-        let train = ToTrain { scene, rows, before: |_: &Setup<'_>| before(), until };
-        let (snapshot, prune) = train_block(&mut setup, train, prune, output)?;
-        Ok(BlockState { state: own(&snapshot, 0), copies: rows.len() - meeting.rows(b).len(), prune })
+        if number == 1 {
+            setup.take_share(&meeting.collected, &rows, layout.of_nothing())?;
+        }
+        let scene = blended.unwrap_or(&meeting.collected);
+        let start = setup.start(scene, &rows, |_| before(), prune, output)?;
+        let (snapshot, prune) = train_until(&setup, start, ends(&setup.config)[number], output)?;
+        let margin = rows.len() - meeting.rows(b).len();
+        let (dropped, copies) = if number == 1 { (margin, 0) } else { (0, margin) };
+        Ok(BlockState { state: own(&snapshot, dropped), copies, prune })
     }
 
     /// The number of Gaussians that the undivided run grows to, if it has a plan.
@@ -334,30 +305,15 @@ impl BlockRun {
     }
 }
 
-/// The Gaussians that a block trains: `rows` of the scene, in the state that `before` gives, up to the iteration that `until`
-/// gives for the block's run.
-struct ToTrain<'a, F> {
-    scene: &'a Gaussians,
-    rows: &'a [usize],
-    before: F,
-    until: fn(&RunConfig) -> u32,
-}
-
-/// Trains a block with all other Gaussians of the scene frozen, resuming from the checkpoint or
-/// from the state before. Returns its state and its prune, if it has had one.
-fn train_block<'a>(
-    setup: &mut Setup<'a>,
-    ToTrain { scene, rows, before, until }: ToTrain<'_, impl FnOnce(&Setup<'a>) -> Result<Snapshot, Error>>,
-    prune: Option<&PruneRecord>,
+/// Trains up to this iteration. Returns the state and the prune, if there has been one.
+fn train_until(
+    setup: &Setup<'_>,
+    start: Start,
+    until: u32,
     output: &Output,
 ) -> Result<(Snapshot, Option<PruneRecord>), Error> {
-    let trained: HashSet<usize> = rows.iter().copied().collect();
-    let others: Vec<usize> = (0..scene.len()).filter(|i| !trained.contains(i)).collect();
-    let begin = |setup: &Setup<'a>| Ok(with_tail(&before(setup)?, &scene.select(&setup.shown(scene, &others))));
-    let prunes: Vec<PruneRecord> = prune.cloned().into_iter().collect();
-    let start = setup.start(output, begin, &prunes)?;
     let mut run = ActiveRun::start(setup, &setup.config, output, start)?;
-    run.train(until(&setup.config))?;
+    run.train(until)?;
     let Checkpoint { snapshot, notes } = run.checkpoint()?;
     Ok((snapshot, notes.prunes.into_iter().next().map(PruneRecord::timeless)))
 }

@@ -2,10 +2,8 @@
 
 use super::run::BlockRun;
 use crate::gaussians::Gaussians;
-use crate::job::Error;
-use crate::job::config::RunConfig;
 use crate::job::records::{Protocol, RunRecord};
-use crate::job::session::Session;
+use crate::job::{Error, RunConfig, Session};
 use crate::pipeline::eval::{self, Evaluation};
 use crate::pipeline::evaluate::{Assessment, Compared, protocol};
 use std::ops::Range;

@@ -2,8 +2,7 @@
 
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::job::session::Session;
-use crate::job::{Error, Stage};
+use crate::job::{Error, Session, Stage};
 use crate::pipeline::pair_capacity;
 use crate::render::{Settings, TrainingRenderer};
 use crate::response::{Score, Views, Wanted, full_pass};

@@ -3,18 +3,24 @@
 //! The page contains the model as SPZ 3, whose bytes the vertex shader unpacks; a worker sorts by depth; quads are
 //! blended back to front. Projection, colour, dilation and anti-aliasing follow `glsl/render/project.comp`.
 
+mod fit;
+
 use super::subject::pose;
 use crate::gaussians::formats::{self, SpzVersion};
 use crate::gaussians::outline::outline;
 use crate::gaussians::{Error, Gaussians};
 use crate::render::Style;
+use crate::scene::Scene;
 use crate::scene::camera::Camera;
 use crate::scene::orbit::{Look, Outline, UP};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use serde_json::{Value, json};
+use std::borrow::Cow;
 use std::path::Path;
+
+pub use fit::Fit;
 
 const PAGE: &str = include_str!("page.html");
 /// The script's parts, in order; all imports between them are resolved within the page.
@@ -35,11 +41,24 @@ pub struct PageOptions {
     pub up: DVec3,
     /// The initial camera; by default one that sees the whole model.
     pub start: Option<Camera>,
+    /// The point about which the initial camera turns, in world units; by default the model's centre.
+    pub target: Option<DVec3>,
+    /// Nothing nearer to a camera than this is drawn, in world units; by default in proportion to the model.
+    pub near: Option<f32>,
     /// A picture from that camera, as a `data:` URI, shown until the model is drawn.
     pub poster: Option<String>,
 }
 
 impl PageOptions {
+    /// Takes the up direction, the near plane and the target of this initial camera from a scene, whose coordinates are the
+    /// model's plus `shift`.
+    pub fn place_in(&mut self, scene: &Scene, camera: Option<&Camera>, shift: DVec3) {
+        self.up = scene.up();
+        self.near = Some(scene.near);
+        self.start = camera.map(|camera| camera.relative_to(shift));
+        self.target = camera.map(|camera| scene.sight(camera) - shift);
+    }
+
     /// The initial camera of the page, for a picture of the look's size of a model with this outline.
     pub fn first(&self, outline: &Outline, look: &Look) -> Camera {
         self.start.clone().unwrap_or_else(|| outline.camera(0.0, look))
@@ -48,17 +67,30 @@ impl PageOptions {
 
 impl Default for PageOptions {
     fn default() -> Self {
-        Self { title: String::new(), background: [0.0; 3], style: Style::default(), up: UP, start: None, poster: None }
+        Self {
+            title: String::new(),
+            background: [0.0; 3],
+            style: Style::default(),
+            up: UP,
+            start: None,
+            target: None,
+            near: None,
+            poster: None,
+        }
     }
 }
 
-/// The page of a model; `name` appears in messages.
+/// The page of a model, which is moved and scaled first where it needs that ([`Fit`]); `name` appears in messages.
 ///
 /// # Errors
 /// [`Error::Unsupported`] if SPZ cannot hold the model, [`Error::Inconsistent`].
 pub fn page(model: &Gaussians, options: &PageOptions, name: &Path) -> Result<String, Error> {
-    let packed = formats::spz(model, options.style.mode(), SpzVersion::Three, name)?;
-    Ok(Shell::new(model, options).page(&packed))
+    let (mut model, mut options) = (Cow::Borrowed(model), Cow::Borrowed(options));
+    if let Some(fit) = Fit::of(&model) {
+        fit.apply(model.to_mut(), options.to_mut());
+    }
+    let packed = formats::spz(&model, options.style.mode(), SpzVersion::Three, name)?;
+    Ok(Shell::new(&model, &options).page(&packed))
 }
 
 /// A page without its model.
@@ -68,7 +100,7 @@ pub struct Shell {
 }
 
 impl Shell {
-    /// The page for this model, or for one that looks like it.
+    /// The page for this model, or for one that looks like it; without a title, it is called Model.
     pub fn new(model: &Gaussians, options: &PageOptions) -> Self {
         let script: Vec<&str> =
             SCRIPTS.iter().flat_map(|part| part.lines()).filter(|l| !l.starts_with("import ")).collect();
@@ -79,8 +111,9 @@ impl Shell {
             .poster
             .as_ref()
             .map_or_else(String::new, |uri| format!("<img id=\"poster\" src=\"{}\" alt=\"\">", escaped(uri)));
+        let title = if options.title.trim().is_empty() { "Model" } else { options.title.as_str() };
         let parts = [
-            ("title", &*escaped(&options.title)),
+            ("title", &*escaped(title)),
             ("style", include_str!("page.css")),
             ("poster", &poster),
             ("scene", &scene(model, options).to_string().replace('<', "\\u003c")),
@@ -140,6 +173,8 @@ fn scene(model: &Gaussians, options: &PageOptions) -> Value {
         "elevation": elevation,
         "framings": framings,
         "start": options.start.as_ref().map(pose),
+        "target": options.target.map(|target| target.to_array()),
+        "near": options.near,
         "background": options.background,
         "dilation": settings.dilation,
         "antialiased": options.style.antialias,

@@ -6,9 +6,9 @@ const $ = (id) => document.getElementById(id);
 const stage = $("stage"), canvas = $("picture"), scene = JSON.parse($("scene").textContent);
 /** Turns of the model a second, while it turns by itself. */
 const PACE = 0.05;
-/** Share of the target's distance that a second of flying covers. */
+/** Distances of the target that a second of flying covers. */
 const FLIGHT = 1;
-/** Near plane as a share of the start's distance, and at most, in world units. */
+/** Near plane without a scene: as a share of the reach, and at most, in world units. */
 const NEAR = [0.02, 0.2];
 
 /** Copies the blended picture over the background. */
@@ -199,17 +199,17 @@ function framing(aspect) {
 
 /** Puts the camera at a place: `position`, `rotation` (w, x, y, z), `fov` in radians. */
 state.place = (pose, aim) => {
-  state.camera = new Camera(pose, aim ?? scene.centre, scene.up);
-  state.near = Math.min(NEAR[1], NEAR[0] * state.reach);
+  state.camera = new Camera(pose, aim ?? scene.centre, scene.up, state.reach);
+  state.near = scene.near ?? Math.min(NEAR[1], NEAR[0] * state.reach);
 };
 
-/** The whole model, from the front or from the camera that the page was made with. */
+/** The camera that the page was made with; without one, the whole model from the front. */
 function home() {
   const { centre, up, front, fov, elevation, start } = scene;
   const [height, distance] = framing(stage.clientWidth / Math.max(1, stage.clientHeight));
   state.moved = false;
   state.reach = distance;
-  if (start) return state.place(start);
+  if (start) return state.place(start, scene.target);
   const aim = centre.map((v, k) => v + up[k] * height);
   const level = Math.cos(elevation), above = Math.sin(elevation);
   state.place({ position: aim.map((v, k) => v + (front[k] * level + up[k] * above) * distance), rotation: [1, 0, 0, 0], fov }, aim);
@@ -261,7 +261,8 @@ function listen() {
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches?.("button, summary") && event.key === " ") return;
     const key = event.key.toLowerCase();
-    if (keys[key]) keys[key]();
+    // A key that is held repeats itself, and would turn things on and off.
+    if (keys[key]) { if (!event.repeat) keys[key](); }
     else if ("wasdqe".includes(key) || key.startsWith("arrow") || key === "shift") state.keys.add(key);
     else return;
     event.preventDefault();
@@ -296,7 +297,7 @@ function begin() {
     } catch (error) {
       return say(`the model cannot be drawn: ${error.message}`);
     }
-    $("facts").textContent = `${data.n.toLocaleString("en")} Gaussians, ${scene.made}`;
+    $("facts").textContent = `${data.n.toLocaleString("en")} Gaussian${data.n === 1 ? "" : "s"}, ${scene.made}`;
     listen();
     home();
     requestAnimationFrame(tick);

@@ -15,6 +15,7 @@ use qirf_vk::train::mask::Mask;
 use qirf_vk::train::{Exposures, Options, Trainer};
 use std::ops::ControlFlow;
 use std::path::Path;
+use tempfile::TempDir;
 
 fn value(n: usize, seed: usize) -> f64 {
     ((n * 2654435761 + seed * 40503) % 1009) as f64 / 1009.0
@@ -88,10 +89,11 @@ pub fn kernel_and_twin(device: &Device) {
 }
 
 /// Nine photos, two of them held out.
-fn capture(folder: &Path, effects: &[synth::Effect]) {
-    let effects = effects.to_vec();
+fn capture(effect: synth::Effect) -> TempDir {
+    let (folder, effects) = (tempfile::tempdir().unwrap(), vec![effect]);
     let options = SynthOptions { views: 9, width: 48, height: 36, points: 270, effects, ..Default::default() };
-    write(folder, &options, &|_| ()).expect("a synthetic scene");
+    write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
+    folder
 }
 
 fn trainer(device: &Device, scene: &Path, exposure: bool, masked: bool) -> Trainer {
@@ -118,8 +120,7 @@ fn train(trainer: &mut Trainer, until: u32) {
 #[test]
 fn off_is_free() {
     let device = device();
-    let folder = tempfile::tempdir().unwrap();
-    capture(folder.path(), &[synth::Effect::Masks]);
+    let folder = capture(synth::Effect::Masks);
     let mut taken = Vec::new();
     for (exposure, masked) in [(false, false), (true, false), (false, true)] {
         let before = device.memory_used().0;
@@ -142,8 +143,7 @@ fn off_is_free() {
 #[test]
 fn exposures_are_kept_in_checkpoints() {
     let device = device();
-    let folder = tempfile::tempdir().unwrap();
-    capture(folder.path(), &[synth::Effect::Exposure]);
+    let folder = capture(synth::Effect::Exposure);
     let mut whole = trainer(&device, folder.path(), true, false);
     train(&mut whole, 40);
     let mut broken = trainer(&device, folder.path(), true, false);
@@ -167,8 +167,7 @@ fn exposures_are_kept_in_checkpoints() {
 #[test]
 fn exposures_without_measured_gains_keep_their_mean() {
     let device = device();
-    let folder = tempfile::tempdir().unwrap();
-    capture(folder.path(), &[synth::Effect::Exposure]);
+    let folder = capture(synth::Effect::Exposure);
     let mut trainer = trainer(&device, folder.path(), true, false);
     train(&mut trainer, 42);
     let maps = trainer.snapshot().unwrap().exposures.0;
@@ -185,8 +184,7 @@ fn exposures_without_measured_gains_keep_their_mean() {
 #[test]
 fn known_exposures_stay() {
     let device = device();
-    let folder = tempfile::tempdir().unwrap();
-    capture(folder.path(), &[synth::Effect::Exposure]);
+    let folder = capture(synth::Effect::Exposure);
     let mut learning = trainer(&device, folder.path(), true, false);
     train(&mut learning, 40);
     let learnt = learning.snapshot().unwrap();

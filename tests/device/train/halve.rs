@@ -1,6 +1,6 @@
 //! Photos at half their size: the device against its twin, and the camera that sees them.
 
-use super::runs::{bits, capture, options, train};
+use super::runs::{capture, options, same_however, train};
 use crate::support::{device, finish};
 use glam::{DVec2, DVec3};
 use qirf_vk::gpu::{Device, Recording};
@@ -8,6 +8,7 @@ use qirf_vk::random::uniform;
 use qirf_vk::reference;
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
+use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::halve::{self, Halve};
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer};
@@ -85,17 +86,8 @@ fn halved_runs_end_with_the_same_bytes() {
     train(&mut whole, 25);
     assert!(!halves(&mut whole));
     train(&mut whole, 50);
-    let whole = bits(&whole.download().unwrap());
-
-    let mut few = trainer(Options { pairs: 64, ..halved() });
-    train(&mut few, 50);
-    assert!(bits(&few.download().unwrap()) == whole, "few pairs");
-    let mut first = trainer(halved());
-    train(&mut first, 11);
-    let snapshot = first.snapshot().unwrap();
-    let mut second = Trainer::resume(&device, &snapshot, views.clone(), c.extent, halved()).unwrap();
-    train(&mut second, 50);
-    assert!(bits(&second.download().unwrap()) == whole, "resumed");
+    let resume = |at: &Snapshot| Trainer::resume(&device, at, views.clone(), c.extent, halved()).unwrap();
+    same_however(&whole, &[11], |pairs| trainer(Options { pairs, ..halved() }), resume);
     let plain = Options { schedule: Schedule { half_until: 0.0, ..halved().schedule }, ..halved() };
     assert!(!halves(&mut trainer(plain)), "off is free");
     finish(&device);

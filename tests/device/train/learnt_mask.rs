@@ -2,7 +2,7 @@
 //! whole runs.
 
 use super::adam::weights;
-use super::runs::{bits, capture, options, train};
+use super::runs::{capture, options, resumed, same_however, train, trainer};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::Gaussians;
@@ -14,7 +14,6 @@ use qirf_vk::reference::rasterise_backward::ImageGradient;
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, Renderer, Settings, TrainingRenderer};
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::method::Method;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Array, Options, Trainer, TrainingModel};
@@ -266,12 +265,9 @@ fn masked(device: &Device, method: MaskMethod, survivors: usize) -> Arc<dyn Meth
 fn masked_runs_end_with_the_same_bytes() {
     let (device, c) = (device(), capture());
     let survivors = c.start.len() / 3;
-    let folder = tempfile::tempdir().unwrap();
     for method in METHODS {
         let with = |options: Options| Options { method: Some(masked(&device, method, survivors)), ..options };
-        let trainer =
-            |options: Options| Trainer::new(&device, &c.start, c.train.clone(), c.extent, with(options)).unwrap();
-        let mut whole = trainer(options());
+        let mut whole = trainer(&device, with(options()));
         let kernels = |t: &mut Trainer| {
             let all = t.recording().unwrap().kernels();
             all.iter().filter(|k| k.starts_with("lab/learnt_mask")).count()
@@ -282,26 +278,13 @@ fn masked_runs_end_with_the_same_bytes() {
         println!("{method:?}: {} at first, {cut:?}", c.start.len());
         assert_eq!((whole.len(), cut.after, cut.iteration, kernels(&mut whole)), (survivors, survivors, 83, 0));
         assert!(cut.before < c.start.len() || cut.shown < cut.before, "{cut:?}");
-        let whole = bits(&whole.download().unwrap());
-
-        let mut few = trainer(Options { pairs: 64, ..options() });
-        train(&mut few, 110);
-        assert!(bits(&few.download().unwrap()) == whole, "few pairs");
-        for at in [47, 83] {
-            let mut first = trainer(options());
-            train(&mut first, at);
-            let (snapshot, file) = (first.snapshot().unwrap(), folder.path().join("checkpoint"));
-            snapshot.write(&file).unwrap();
-            let read = Snapshot::read(&file).unwrap();
-            assert!(read.arrays == snapshot.arrays && read.state == snapshot.state);
-            assert_eq!(read.arrays.is_empty(), at >= 83);
-            let mut second = Trainer::resume(&device, &read, c.train.clone(), c.extent, with(options())).unwrap();
-            train(&mut second, 110);
-            assert!(bits(&second.download().unwrap()) == whole, "resumed at {at}");
-            assert_eq!(second.cut(), Some(cut));
-        }
+        let start = |pairs| trainer(&device, with(Options { pairs, ..options() }));
+        same_however(&whole, &[47, 83], start, |at| {
+            assert_eq!(at.arrays.is_empty(), at.iteration >= 83);
+            resumed(&device, at, with(options()))
+        });
     }
-    let mut plain = Trainer::new(&device, &c.start, c.train.clone(), c.extent, options()).unwrap();
+    let mut plain = trainer(&device, options());
     assert!(plain.recording().unwrap().kernels().iter().all(|k| !k.starts_with("lab/learnt_mask")));
     finish(&device);
 }

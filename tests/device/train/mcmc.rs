@@ -1,7 +1,7 @@
 //! Growth by relocation: slopes and noise against the twin, and whole runs.
 
 use super::adam::{Bench, weights};
-use super::runs::{bits, capture, options, train};
+use super::runs::{capture, options, resumed, same_however, train, trainer};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{device, finish};
 use glam::DVec3;
@@ -9,9 +9,9 @@ use qirf_vk::gpu::Recording;
 use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_LOG_SCALE, ROW_LOGIT};
 use qirf_vk::lab::methods::mcmc::Mcmc;
 use qirf_vk::reference;
+use qirf_vk::train::Options;
 use qirf_vk::train::growth::Growth;
 use qirf_vk::train::schedule::Schedule;
-use qirf_vk::train::{Options, Trainer};
 use std::sync::Arc;
 
 const SETTINGS: Mcmc = Mcmc { until: 0.8, dead: 0.005, noise: 3.0, opacity: 40.0, scale: 70.0 };
@@ -75,27 +75,16 @@ fn slopes_and_noise_as_the_twin_has_them() {
 #[test]
 fn relocating_runs_end_with_the_same_bytes() {
     let device = device();
-    let c = capture();
-    let planned = c.start.len() * 3 / 2;
+    let planned = capture().start.len() * 3 / 2;
     let growth = Some(Growth { gaussians: Some(planned), ..Growth::default() });
     let schedule = Schedule { iterations: 120, growth, ..options().schedule };
     let with = |options: Options| Options { schedule: schedule.clone(), method: Some(Arc::new(SETTINGS)), ..options };
-    let trainer = |options: Options| Trainer::new(&device, &c.start, c.train.clone(), c.extent, with(options)).unwrap();
-    let mut whole = trainer(options());
+    let mut whole = trainer(&device, with(options()));
     let kernels = whole.recording().unwrap().kernels();
     assert_eq!(kernels.iter().filter(|k| **k == "lab/mcmc").count(), 2);
     train(&mut whole, 120);
     assert_eq!(whole.len(), planned);
-    let whole = bits(&whole.download().unwrap());
-
-    let mut few = trainer(Options { pairs: 64, ..options() });
-    train(&mut few, 120);
-    assert!(bits(&few.download().unwrap()) == whole, "few pairs");
-    let mut first = trainer(options());
-    train(&mut first, 47);
-    let snapshot = first.snapshot().unwrap();
-    let mut second = Trainer::resume(&device, &snapshot, c.train.clone(), c.extent, with(options())).unwrap();
-    train(&mut second, 120);
-    assert!(bits(&second.download().unwrap()) == whole, "resumed");
+    let start = |pairs| trainer(&device, with(Options { pairs, ..options() }));
+    same_however(&whole, &[47], start, |at| resumed(&device, at, with(options())));
     finish(&device);
 }

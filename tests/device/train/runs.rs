@@ -76,7 +76,30 @@ pub(crate) fn resumed(device: &Device, snapshot: &Snapshot, options: Options) ->
     let (c, folder) = (capture(), tempfile::tempdir().unwrap());
     let file = folder.path().join("checkpoint.safetensors");
     snapshot.write(&file).unwrap();
-    Trainer::resume(device, &Snapshot::read(&file).unwrap(), c.train.clone(), c.extent, options).unwrap()
+    let read = Snapshot::read(&file).unwrap();
+    assert!(read.arrays == snapshot.arrays && read.state == snapshot.state);
+    Trainer::resume(device, &read, c.train.clone(), c.extent, options).unwrap()
+}
+
+/// Asserts that a run ends as the `whole` one did, with little room for pairs and after each of these stops. `start`
+/// begins it with room for a number of pairs.
+pub(crate) fn same_however(
+    whole: &Trainer,
+    stops: &[u32],
+    start: impl Fn(u32) -> Trainer,
+    resume: impl Fn(&Snapshot) -> Trainer,
+) {
+    let end = |mut trainer: Trainer| {
+        train(&mut trainer, whole.iteration());
+        (bits(&trainer.download().unwrap()), trainer.cut())
+    };
+    let right = (bits(&whole.download().unwrap()), whole.cut());
+    assert!(end(start(64)) == right, "few pairs");
+    for at in stops {
+        let mut first = start(options().pairs);
+        train(&mut first, *at);
+        assert!(end(resume(&first.snapshot().unwrap())) == right, "resumed after {at}");
+    }
 }
 
 /// Trains to `until`; every call must make progress, if only by growing a buffer.

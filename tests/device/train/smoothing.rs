@@ -1,6 +1,6 @@
 //! 3D smoothing: the kernel against float64, and whole runs that keep its bound and their bytes.
 
-use super::runs::{bits, capture, options, train};
+use super::runs::{capture, options, resumed, same_however, train};
 use crate::support::{device, finish};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
@@ -99,23 +99,19 @@ fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     let run = |options: Options| {
         let mut trainer = trainer(options);
         train(&mut trainer, last);
-        trainer.download().unwrap()
+        trainer
     };
     let whole = run(antialiased());
     let cameras: Vec<Camera> = c.train.iter().map(|v| v.camera.clone()).collect();
     let near = Settings::default().near;
-    let (on, off) = (thinnest(&whole, &cameras, near), thinnest(&run(options()), &cameras, near));
+    let least = |trainer: &Trainer| thinnest(&trainer.download().unwrap(), &cameras, near);
+    let (on, off) = (least(&whole), least(&run(options())));
     println!("least scale over its bound: {on:?} with smoothing, {off:?} without");
     assert!(on.0 > 1.0 - 1e-4 && on.1 > 50, "{on:?}");
     assert!(off.0 < 0.9, "the scene has Gaussians that need smoothing: {off:?}");
 
     // With a small initial capacity iterations are repeated. The run is also interrupted where no smoothing is due.
-    assert_eq!(bits(&run(Options { pairs: 64, ..antialiased() })), bits(&whole));
-    let mut first = trainer(antialiased());
-    train(&mut first, 41);
-    let snapshot = first.snapshot().unwrap();
-    let mut second = Trainer::resume(&device, &snapshot, c.train.clone(), c.extent, antialiased()).unwrap();
-    train(&mut second, last);
-    assert_eq!(bits(&second.download().unwrap()), bits(&whole));
+    let begin = |pairs| trainer(Options { pairs, ..antialiased() });
+    same_however(&whole, &[41], begin, |at| resumed(&device, at, antialiased()));
     finish(&device);
 }

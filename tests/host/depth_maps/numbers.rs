@@ -1,8 +1,8 @@
-//! What the numbers of depth maps are: depths, lengths along rays or inverse depths; between pixels; over many photos.
+//! What the numbers of depth maps are: of which type; depths, lengths along rays or inverse depths; between pixels; over many photos.
 
 use super::{SIZE, npy, open, wall};
 use crate::support::files::writers::{Model, write};
-use qirf_vk::pipeline::depth_maps::{self, DepthMaps};
+use qirf_vk::depth_maps::{self, DepthMaps};
 use qirf_vk::scene::lens::LensModel;
 use qirf_vk::scene::{Resize, Scene};
 use qirf_vk::synth::{SynthOptions, write as write_scene};
@@ -63,6 +63,10 @@ fn numbers_of_maps_are_what_the_points_say() {
     let scene = slanted(folder.path(), |_, z, _| if z > 4.4 { 0.0 } else { 3.0 / z - 0.3 });
     let holed = depth_maps::of_views(&scene, &[0, 1, 2], Resize::Full);
     assert!(holed.points.iter().all(|p| p.position.z < 4.5) && holed.points.len() > 500, "{:?}", holed.notes);
+    // Too far from the points to be trained on, and to give points.
+    let DepthMaps { points, notes, evidence, .. } = maps(&|_, z, _| z * (1.0 + 0.2 * (3.0 * z).sin()));
+    assert!(points.is_empty() && evidence.maps == 3, "{notes:?} {evidence:?}");
+    assert!(notes.join("; ").contains("no points from 3 depth maps: the capture's points deviate"), "{notes:?}");
     // Most contradict the points, so that the one that fits says nothing.
     let DepthMaps { points, notes, evidence, .. } = maps(&|i, z, _| if i == 0 { z } else { z.powi(5) });
     assert!(points.is_empty() && evidence.maps == 0, "{notes:?} {evidence:?}");
@@ -109,4 +113,41 @@ fn maps_that_drift_are_left_out_where_no_points_tell_their_scale() {
         npy(file, |x, y| map.depths[(y * map.width + x) as usize] * 1.12_f32.powi(i as i32));
     }
     assert_eq!(used(), 0);
+}
+
+/// Steps of whole numbers, and floats of 16 bits.
+#[test]
+fn numbers_of_maps_are_those_of_their_type() {
+    let header = |kind: &str| format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': (1, 2), }}");
+    let file = |kind: &str, values: [u16; 2]| {
+        let text = format!("{:117}\n", header(kind));
+        [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), values.map(u16::to_le_bytes).as_flattened()].concat()
+    };
+    for (kind, step, depths) in [
+        ("<u2", None, [1.5, 15.36]),
+        ("<u2", Some(0.01), [15.0, 153.6]),
+        ("<i2", None, [1.5, 15.36]),
+        ("<f2", None, [f32::from(half::f16::from_bits(1500)), 1.0]),
+        ("<f2", Some(1e-3), [1e-3 * f32::from(half::f16::from_bits(1500)), 1e-3]),
+    ] {
+        // The largest of its kind says that nothing was hit.
+        let least = if kind == "<i2" { 32767 } else { 65535 };
+        if kind != "<f2" {
+            assert_eq!(depth_maps::read::of_bytes(&file(kind, [1500, least]), step).unwrap().depths[1], 0.0, "{kind}");
+        }
+        let map = depth_maps::read::of_bytes(&file(kind, [1500, 15360]), step).unwrap();
+        let near = |(a, b): (&f32, f32)| (a / b - 1.0).abs() < 1e-6;
+        assert!(map.depths.iter().zip(depths).all(near), "{kind} {step:?}: {:?}", map.depths);
+    }
+    let nothing = half::f16::MAX.to_bits();
+    assert_eq!(depth_maps::read::of_bytes(&file("<f2", [15360, nothing]), Some(1e-3)).unwrap().depths[1], 0.0);
+}
+
+/// The largest number of a kind says that nothing was hit, and no other of more bits.
+#[test]
+fn whole_numbers_beyond_sixteen_bits_are_depths() {
+    let text = format!("{:117}\n", "{'descr': '<u4', 'fortran_order': False, 'shape': (1, 3), }");
+    let bytes = [100_000_u32, 200_000, u32::MAX].map(u32::to_le_bytes);
+    let file = [b"\x93NUMPY\x01\x00\x76\x00", text.as_bytes(), bytes.as_flattened()].concat();
+    assert_eq!(depth_maps::read::of_bytes(&file, Some(1e-5)).unwrap().depths, [1.0, 2.0, 0.0]);
 }

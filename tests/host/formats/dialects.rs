@@ -6,6 +6,8 @@ use std::path::Path;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::formats::{self, Format};
 
+use crate::support::files::make;
+
 /// Type, name, and value by row of a property.
 type Property = (&'static str, &'static str, fn(u32) -> f64);
 
@@ -115,6 +117,19 @@ fn gzip_is_unpacked_whatever_it_holds() {
     for (bytes, what) in [(zip(&packed), "gzip twice"), (packed[..packed.len() / 2].to_vec(), "gzip")] {
         let error = formats::read_bytes(&bytes, Path::new("model.ply.gz")).unwrap_err().to_string();
         assert!(error.contains(what), "{error}");
+    }
+    // Files of several members, as `cat` makes them, and faults within, by the file's own name.
+    let halves = |bytes: &[u8]| {
+        let (first, last) = bytes.split_at(bytes.len() / 2);
+        [zip(first), zip(last), vec![0; 5]].concat()
+    };
+    let spz = make::spz(9, 3, 1, false);
+    for (bytes, name, count) in [(halves(&plain), "model.ply", 3), (halves(&spz), "model.spz", 9)] {
+        assert_eq!(formats::read_bytes(&bytes, Path::new(name)).unwrap().gaussians.len(), count, "{name}");
+    }
+    for name in ["model.ply.gz", "model.ply"] {
+        let fault = formats::read_bytes(&zip(&plain[..plain.len() - 9]), Path::new(name)).unwrap_err().to_string();
+        assert!(fault.starts_with(&format!("{name}: ")), "{fault}");
     }
 }
 

@@ -213,6 +213,40 @@ fn nodes_move_turn_and_scale() {
     }
 }
 
+/// Copies whose places are the attributes of the mesh itself.
+#[test]
+fn instances_are_copies() {
+    let model = make::model(5, 1);
+    let as_is = read(&glb(&model, Layout::Planar), "m.glb").unwrap().gaussians;
+    let placed = |of: &[(&str, &str)]| {
+        let bytes = glb_changed(&model, Layout::Planar, |d| {
+            for (key, name) in of {
+                let accessor = d["meshes"][0]["primitives"][0]["attributes"][name].clone();
+                d["nodes"][1]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"][key] = accessor;
+            }
+            d["extensionsRequired"] = json!(["EXT_mesh_gpu_instancing"]);
+        });
+        read(&bytes, "m.glb")
+    };
+    let (places, turns) = (("TRANSLATION", "POSITION"), ("ROTATION", "KHR_gaussian_splatting:ROTATION"));
+    let loaded = placed(&[places]).unwrap();
+    assert_eq!((loaded.gaussians.len(), &loaded.doubt), (25, &None));
+    for (k, mean) in loaded.gaussians.means.iter().enumerate() {
+        let (copy, i) = (as_is.means[k / 5], as_is.means[k % 5]);
+        assert!((0..3).all(|axis| (mean[axis] - copy[axis] - i[axis]).abs() < 1e-5), "{k}: {mean:?}");
+    }
+    // A copy of the Gaussian that gives its turn is turned by that once more.
+    let turned = placed(&[places, turns]).unwrap().gaussians;
+    assert!((0..5).all(|k| angle(turned.rotations[6 * k], as_is.rotations[k]) > 1e-3), "{:?}", turned.rotations);
+    for (of, said) in [
+        (("SCALE", "KHR_gaussian_splatting:SCALE"), "different factors"),
+        (("SCALE", "KHR_gaussian_splatting:OPACITY"), "5 of 3 expected"),
+    ] {
+        let fault = placed(&[of]).unwrap_err().to_string();
+        assert!(fault.contains(said), "{of:?}: {fault}");
+    }
+}
+
 #[test]
 fn an_spz_inside_is_read_in_the_axes_of_gltf() {
     for version in [2, 3] {

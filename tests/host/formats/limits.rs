@@ -66,4 +66,9 @@ fn meshes_are_placed_up_to_a_limit() {
     };
     assert_eq!(placed(700).unwrap().gaussians.len(), 700_000);
     refused(placed(800), "placed too often");
+    let copied = glb_changed(&make::model(1000, 1), Layout::Planar, |d: &mut Value| {
+        let places = d["meshes"][0]["primitives"][0]["attributes"]["POSITION"].clone();
+        d["nodes"][1]["extensions"] = json!({ "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": places } } });
+    });
+    refused(read(&copied, "m.glb"), "placed too often");
 }

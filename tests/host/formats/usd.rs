@@ -180,6 +180,18 @@ fn layers_are_read_as_their_schema_says() {
     }
     let within = "def \"untyped\" { variantSet \"v\" = { \"a\" { def ParticleField3DGaussianSplat \"b\" { point3f[] positions = [] } } } }";
     assert!(changed(untyped, within).unwrap_err().to_string().contains("variant"));
+    // Other layers are not read.
+    for arc in ["prepend references = @a.usda@</A>", "payload = [@a.usda@, @b.usda@]", "inherits = </A>"] {
+        let doubt = changed(untyped, &format!("def \"a\" ({arc}) {{ }}")).unwrap().doubt.unwrap();
+        assert!(doubt.contains("refers to other layers"), "{arc}: {doubt}");
+        let alone = format!("#usda 1.0\ndef \"a\" (\n    {arc}\n) {{ }}");
+        let fault = read(alone.as_bytes(), "m.usda").unwrap_err().to_string();
+        assert!(fault.contains("refers to other layers") && !fault.contains("holds no"), "{arc}: {fault}");
+    }
+    let layers = read(b"#usda 1.0\n( subLayers = [@a.usda@] )", "m.usda").unwrap_err().to_string();
+    assert!(layers.contains("usdcat --flatten"), "{layers}");
+    let none = changed(untyped, "def \"a\" (references = None customData = { string payload = \"p\" }) { }").unwrap();
+    assert_eq!(none.doubt, None);
     let tagged = two.replace(" {", " (customData = { string SplatRenderMode = \"default\" }) {");
     let mixed = changed(two, &tagged).unwrap();
     assert!(mixed.mode.antialiased() && mixed.doubt.unwrap().contains("different render modes"));

@@ -149,6 +149,13 @@ pub fn matched(a: &Gaussians, b: &Gaussians) -> Vec<(usize, usize)> {
         .collect()
 }
 
+/// Asserts that row `i` of `a` and row `j` of `b`, of this width, differ by at most `most` in each value.
+#[track_caller]
+fn assert_near(a: &[f32], b: &[f32], width: usize, (i, j): (usize, usize), most: f32) {
+    let (x, y) = (&a[i * width..][..width], &b[j * width..][..width]);
+    assert!(x.iter().zip(y).all(|(x, y)| (x - y).abs() <= most), "{i}: {x:?} {y:?}");
+}
+
 /// The covariance of a Gaussian.
 fn covariance(model: &Gaussians, i: usize) -> [f32; 9] {
     let [w, x, y, z] = model.rotations[i];
@@ -238,11 +245,8 @@ fn sog_round_trip_stays_within_its_steps() {
         assert_eq!((back.len(), back.degree()), (model.len(), degree));
         let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
         for (i, j) in matched(&model, &back) {
-            for k in 0..3 {
-                // Half a step of 2 ln 4 / 65,535, four times as long at 3 units.
-                assert!((model.means[i][k] - back.means[j][k]).abs() < 9e-5, "mean {i}");
-                assert!((model.sh[0][3 * i + k] - back.sh[0][3 * j + k]).abs() < 0.01, "colour {i}");
-            }
+            // Half a step of 2 ln 4 / 65,535, four times as long at 3 units.
+            assert_near(model.means.as_flattened(), back.means.as_flattened(), 3, (i, j), 9e-5);
             let (p, q) = (sigmoid(model.opacity_logits[i]), sigmoid(back.opacity_logits[j]));
             assert!((p - q).abs() <= 0.5 / 255.0 + 1e-5, "opacity {i}: {p} {q}");
             let (mut a, mut b) = (model.log_scales[i], back.log_scales[j]);
@@ -255,12 +259,8 @@ fn sog_round_trip_stays_within_its_steps() {
             let (x, y) = (covariance(&model, i), covariance(&back, j));
             let most = x.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
             assert!(x.iter().zip(y).all(|(x, y)| (x - y).abs() < 0.08 * most), "shape {i}: {x:?} {y:?}");
-            for l in 1..=degree {
-                let width = Gaussians::band_width(l);
-                for k in 0..width {
-                    let (x, y) = (model.sh[l][i * width + k], back.sh[l][j * width + k]);
-                    assert!((x - y).abs() < 0.01, "band {l} of {i}: {x} {y}");
-                }
+            for l in 0..=degree {
+                assert_near(&model.sh[l], &back.sh[l], Gaussians::band_width(l), (i, j), 0.01);
             }
         }
         let first = fs::read(&path).unwrap();
@@ -284,20 +284,15 @@ fn compressed_ply_round_trip_stays_within_its_steps() {
         assert_eq!((back.len(), back.degree()), (1000, degree));
         let sigmoid = |x: f32| 1.0 / (1.0 + (-x).exp());
         for (i, j) in matched(&model, &back) {
-            for k in 0..3 {
-                assert!((model.means[i][k] - back.means[j][k]).abs() < 6.0 / 2046.0, "mean {i}");
-                assert!((model.log_scales[i][k] - back.log_scales[j][k]).abs() < 0.51 * 4.0 / 1023.0, "scale {i}");
-                assert!((model.sh[0][3 * i + k] - back.sh[0][3 * j + k]).abs() < 0.51 * 1.8 / 255.0, "colour {i}");
-            }
+            assert_near(model.means.as_flattened(), back.means.as_flattened(), 3, (i, j), 6.0 / 2046.0);
+            let [scales, scales_back] = [&model, &back].map(|m| m.log_scales.as_flattened());
+            assert_near(scales, scales_back, 3, (i, j), 0.51 * 4.0 / 1023.0);
+            assert_near(&model.sh[0], &back.sh[0], 3, (i, j), 0.51 * 1.8 / 255.0);
             assert!((sigmoid(model.opacity_logits[i]) - sigmoid(back.opacity_logits[j])).abs() <= 0.5 / 255.0 + 1e-5);
             // Half a step of sqrt(2)/1023 in three components, their effect on the fourth, and twice that as an angle.
             assert!(angle(model.rotations[i], back.rotations[j]) < 0.0066, "rotation {i}");
             for l in 1..=degree {
-                let width = Gaussians::band_width(l);
-                for k in 0..width {
-                    let (x, y) = (model.sh[l][i * width + k], back.sh[l][j * width + k]);
-                    assert!((x - y).abs() <= 4.01 / 256.0, "band {l} of {i}: {x} {y}");
-                }
+                assert_near(&model.sh[l], &back.sh[l], Gaussians::band_width(l), (i, j), 4.01 / 256.0);
             }
         }
         // Repacked chunk by chunk, it gives the same words.

@@ -9,9 +9,7 @@ use super::dialects::{notes, open};
 use super::traps::grey;
 use crate::support::files::writers::{picture, row, transforms, write, written};
 use qirf_vk::effects::Overrides;
-use qirf_vk::job::Error;
-use qirf_vk::job::config::Selection;
-use qirf_vk::job::watcher::Silent;
+use qirf_vk::job::{Error, Selection, Silent};
 use qirf_vk::pipeline::prepare;
 use qirf_vk::scene::{LoadOptions, OpenOptions, PhotoMemory, PhotoTree, Resize, Scene, masks_of, photo_folder};
 
@@ -219,6 +217,9 @@ fn depth_maps_may_say_whose_they_are() {
     let scene = with("two");
     assert_eq!(scene.skipped.missing_depths.count, 0);
     assert!(notes(&scene).contains("holds 1 file such as other.npy, none a depth map with"), "{}", notes(&scene));
+    write(&capture.path().join("packed"), [("a.npz", b"x".to_vec()), ("depth_b.pfm", b"x".to_vec())]);
+    let told = notes(&with("packed"));
+    assert!(told.contains("holds 2 files, and a.npz is .npz, which is not read: save as .npy"), "{told}");
     assert_eq!(masks_of(&capture.path().join("images"))("a.png"), None);
 }
 

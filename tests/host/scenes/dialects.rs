@@ -9,7 +9,8 @@ use crate::support::files::writers::{Model, picture, row, transforms, write, wri
 use qirf_vk::pipeline::effects::of_scene;
 use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, PhotoTree, Resize, Scene, Split, alpha_role, masks_of};
 
-const NAMES: [&str; 4] = ["a.png", "b.png", "c.png", "d.png"];
+/// Photos of a capture.
+pub const NAMES: [&str; 4] = ["a.png", "b.png", "c.png", "d.png"];
 
 pub fn open(root: &Path) -> Scene {
     Scene::open(root, &OpenOptions::default()).unwrap()
@@ -118,53 +119,6 @@ fn photos_without_a_pose_are_counted() {
     assert!(notes(&open(scene.path())).contains("1 photo in HEIC, which is not read (e.HEIC)"));
 }
 
-#[test]
-fn masks_are_found_under_the_names_that_tools_give_them() {
-    for mask in [
-        "masks/a.png.mask.png",
-        "masks/a.PNG",
-        "masks/a_mask.png",
-        "masks/mask_a.png",
-        "masks/a.jpg",
-        "masks/a.jpg.png",
-        "mask/a.png",
-        "Masks/a-mask.png",
-        "images/a.png.mask.png",
-        "images/a_mask.png",
-        "images_masks/a.png",
-    ] {
-        let scene = capture(&["a.png"], &["a.png"]);
-        picture(&scene.path().join(mask), 64, 48);
-        let opened = open(scene.path());
-        assert_eq!(opened.views[0].mask.as_deref(), Some(scene.path().join(mask).as_path()), "{mask}");
-        assert_eq!(notes(&opened).matches("without a pose").count(), 0, "{mask}");
-    }
-    // One mask is not that of two cameras' photos.
-    let twins = ["left/a.png", "right/a.png", "right/b.png"];
-    let scene = capture(&twins, &twins);
-    for mask in ["a.png", "b.png"] {
-        picture(&scene.path().join("masks").join(mask), 64, 48);
-    }
-    let opened = open(scene.path());
-    assert_eq!(opened.views.iter().map(|v| v.mask.is_some()).collect::<Vec<_>>(), [false, false, true]);
-    assert!(notes(&opened).contains("2 photos in several folders with the same names"), "{}", notes(&opened));
-    let scene = capture(&NAMES, &NAMES);
-    picture(&scene.path().join("masks/other.png"), 64, 48);
-    assert!(notes(&open(scene.path())).contains("holds 1 file such as other.png, none with a photo's name"));
-}
-
-#[test]
-fn a_mask_of_another_shape_leaves_its_photo() {
-    let scene = capture(&NAMES[..2], &NAMES[..2]);
-    picture(&scene.path().join("masks/a.png"), 48, 64);
-    picture(&scene.path().join("masks/b.png"), 64, 48);
-    let mut opened = open(scene.path());
-    let photos = opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
-    assert_eq!((photos.len(), photos[0].alpha_role), (2, AlphaRole::Mask));
-    assert!(photos[0].pixels.read().unwrap().iter().skip(3).step_by(4).all(|a| *a == 255));
-    assert!(notes(&opened).contains("1 mask file damaged or of another shape than its photo, not used (a.png)"));
-}
-
 /// A capture of four photos with an alpha channel of these values at their first pixels.
 fn with_alpha(alphas: &[u8]) -> tempfile::TempDir {
     let scene = capture(&NAMES, &[]);
@@ -179,8 +133,10 @@ fn with_alpha(alphas: &[u8]) -> tempfile::TempDir {
 
 #[test]
 fn specks_of_alpha_decide_nothing() {
-    let (specks, even) =
-        ("of the photos is transparent, under 0.5 %: taken as opaque", "1 photo with the same alpha everywhere");
+    let (specks, even) = (
+        "of the photos' pixels are transparent, under 0.5 %: taken as opaque",
+        "1 photo with the same alpha everywhere",
+    );
     for (alphas, role, says) in [
         (vec![254], AlphaRole::Opaque, specks),
         (vec![250, 0, 128], AlphaRole::Opaque, specks),
@@ -203,6 +159,10 @@ fn specks_of_alpha_decide_nothing() {
             assert!(photos[1].pixels.read().unwrap().iter().skip(3).step_by(4).all(|a| *a == 255));
         }
     }
+    let scene = with_alpha(&[0; 44]);
+    let mut opened = open(scene.path());
+    opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+    assert!(notes(&opened).contains("0.36 % of the photos' pixels are transparent"), "{}", notes(&opened));
     // A channel that hides nothing does not prevent the use of masks.
     let scene = with_alpha(&[]);
     picture(&scene.path().join("masks/a.png"), 64, 48);

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::dialects::{notes, open};
 use crate::support::files::make;
 use crate::support::files::writers::{picture, row, transforms, write, written};
+use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::glam::DVec3;
 use qirf_vk::pipeline::place;
 use qirf_vk::scene::lens::{Lens, LensModel};
@@ -81,7 +82,7 @@ fn alpha_that_leaves_nothing_does_not_count_and_goes_before_masks() {
     };
     let (photos, told) = load(with(0).path());
     assert_eq!((photos[0].alpha_role, photos[0].pixels.at(0).unwrap()), (AlphaRole::Opaque, [200, 9, 9, 255]));
-    assert!(told.contains("all of the photos is transparent"), "{told}");
+    assert!(told.contains("all of the photos' pixels are transparent"), "{told}");
     let scene = with(255);
     picture(&scene.path().join("masks/a.png"), 64, 48);
     let (photos, told) = load(scene.path());
@@ -145,6 +146,26 @@ fn files_that_a_capture_names_are_found_and_lists_that_name_nothing_are_told() {
     let top = format!(r#"{TOP}, "train_filenames": ["images/a.png"], "test_filenames": ["b.png", "/x/images/c.png"]"#);
     let told = notes(&open(capture(json(&top)).path()));
     assert!(told.contains("2 of 3 in train_filenames, val_filenames and test_filenames"), "{told}");
+}
+
+/// nerfstudio uses only frames that a list has.
+#[test]
+fn frames_in_none_of_the_lists_are_not_used() {
+    let with = |train: &str| open(capture(json(&format!(r#"{TOP}, "train_filenames": ["{train}"]"#))).path());
+    let scene = with("images/a.png");
+    assert_eq!((scene.views.len(), with("other/a.png").views.len()), (1, 2));
+    let told =
+        "1 photo in none of the lists of train_filenames, val_filenames and test_filenames, not used (images/b.png)";
+    assert_eq!(notes(&scene), told);
+}
+
+#[test]
+fn photos_of_another_shape_are_told_with_both_sizes() {
+    let scene = capture(json(r#""fl_x": 50, "w": 800, "h": 800"#));
+    let told = open(scene.path()).require_photos().unwrap_err().to_string();
+    let file = scene.path().join("transforms.json");
+    let camera = format!("a.png is 64 x 48, but its camera in {} is 800 x 800: correct w and h", file.display());
+    assert!(told.contains(&camera) && !told.contains("mogrify"), "{told}");
 }
 
 #[test]
@@ -244,6 +265,17 @@ fn models_scenes_and_cameras_of_one_far_world_meet() {
     let own = world + DVec3::new(3.0, -2.0, 1.0);
     assert_eq!(place::shift_to(&splats, own.to_array(), &scene), own - scene.origin);
     assert_eq!(place::shift_to(&splats, [0.0; 3], &scene), DVec3::ZERO, "without a record, near zero");
+    // georeference.json may be lost; a PLY has a field for its origin.
+    for (file, is_doubted) in [("a.spz", true), ("a.ply", false)] {
+        let file = folder.path().join(file);
+        formats::write(&file, &splats, RenderMode::Plain).unwrap();
+        let placed = place::place_read(&mut formats::read(&file).unwrap(), folder.path(), None).unwrap();
+        assert_eq!(placed.is_some_and(|warning| warning.contains("georeference.json")), is_doubted);
+    }
+    let mut loaded = formats::read(&folder.path().join("a.spz")).unwrap();
+    assert!(place::doubt(&loaded, &scene).is_some());
+    loaded.gaussians.shift(world);
+    assert_eq!(place::doubt(&loaded, &scene), None);
     splats.shift(world);
     assert_eq!(place::shift_to(&splats, [0.0; 3], &scene), -scene.origin, "without a record, in the world");
     // Of two models, in the world and local, or each with a record or without.

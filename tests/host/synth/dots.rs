@@ -86,8 +86,14 @@ fn lenses_and_dots_exclude_what_they_cannot_have() {
         (SynthOptions { lens: Some(short), ..base.clone() }, "takes 5 parameters"),
         (SynthOptions { depth: true, ..base.clone() }, "no depth maps"),
         (SynthOptions { effects: vec![Effect::Alpha], ..base.clone() }, "has no effect"),
-        (SynthOptions { kind: Kind::Panorama, width: 64, height: 32, ..base.clone() }, "excludes the kind panorama"),
-        (SynthOptions { kind: Kind::Plaza, effects: vec![Effect::Fisheye], ..base }, "excludes the effect"),
+        (
+            SynthOptions { kind: Kind::Panorama, width: 64, height: 32, ..base.clone() },
+            "not apply to the kind panorama",
+        ),
+        (
+            SynthOptions { kind: Kind::Plaza, effects: vec![Effect::Fisheye], ..base },
+            "--lens does not apply to the eff",
+        ),
     ] {
         let error: Error = synth::write(&folder.path().join("s"), &options, &|_| ()).unwrap_err();
         assert!(error.to_string().contains(said), "{error}");

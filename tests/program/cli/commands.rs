@@ -47,6 +47,8 @@ fn inspect_tells_what_is_there() {
     assert_eq!((&scene["test_views"], &scene["train_views"]), (&1.into(), &1.into()));
     documented("inspect", &model);
     documented("inspect", &scene);
+    let masked = sandbox.works(&["inspect", "scene", "--pole-mask", "20", "--json"]).json();
+    assert!(masked["skipped"].to_string().contains("--pole-mask masks nothing"), "{masked:#}");
     for path in ["model.ply", "scene"] {
         let ran = sandbox.works(&["inspect", path]);
         assert!(ran.out.lines().count() > 8 && !ran.out.contains('{'), "{}", ran.out);
@@ -140,6 +142,15 @@ fn help_and_completions_are_there() {
         let ran = sandbox.works(&[command, "--help"]);
         assert!(ran.out.contains("Examples:") && ran.out.contains("Global options:"), "{command}");
         assert!(sandbox.works(&["--help"]).out.contains(command));
+    }
+    // Help offers nothing that is always refused, and says what an option does in its command.
+    for (command, there, not_there) in [
+        (&["shard", "plan", "compress"][..], "--size <WxH>", "--psnr"),
+        (&["shard", "plan", "run"], "--schedule <attrition|one-shot>", "gradual"),
+        (&["edit"], "For --remove floaters only. Variance", "--psnr"),
+    ] {
+        let help = sandbox.works(&[command, &["--help"]].concat()).out;
+        assert!(help.contains(there) && !help.contains(not_there), "{help}");
     }
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         assert!(sandbox.works(&["completions", shell]).out.contains("selftest"), "{shell}");

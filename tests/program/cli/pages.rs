@@ -1,11 +1,15 @@
 //! Pages that hold a model: what a browser makes of them, beside the pictures of `render`.
 #![cfg(unix)]
 
-use super::Sandbox;
+use super::{Sandbox, model};
+use crate::program::ended::capture;
+use crate::program::html::parse;
 use crate::support::Random;
 use crate::support::browser::Browser;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::formats::{self, RenderMode};
+use qirf_vk::glam::DVec3;
+use qirf_vk::scene::{EVAL_EVERY, OpenOptions, Scene};
 use serde_json::{Value, json};
 use std::fs;
 
@@ -35,6 +39,18 @@ fn open(sandbox: &Sandbox, name: &str) -> Option<Browser> {
     page.call("Emulation.setDeviceMetricsOverride", &metrics);
     page.until(&format!("innerWidth === {} && {SETTLED}", SIZE[0]));
     Some(page)
+}
+
+/// The parameters of a page's script.
+fn parameters(page: &str) -> Value {
+    let (_, rest) = page.split_once("id=\"scene\">").unwrap();
+    serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
+}
+
+#[track_caller]
+fn assert_near(value: &Value, expected: DVec3) {
+    let found = DVec3::from(serde_json::from_value::<[f64; 3]>(value.clone()).unwrap());
+    assert!(found.distance(expected) < 1e-6, "{found} instead of {expected}");
 }
 
 /// PSNR of the middle of the canvas against a picture, and the greatest difference there.
@@ -97,6 +113,66 @@ fn a_page_shows_what_render_shows() {
     }
 }
 
+/// A capture a hundred times smaller than usual, where z is up: nothing of it lies beyond the usual near plane.
+#[test]
+fn a_page_has_up_and_near_plane_of_its_scene() {
+    let sandbox = Sandbox::new();
+    sandbox.scene("photos", &format!("1 PINHOLE {} {} 260 260 160 120", SIZE[0], SIZE[1]), &["one.png"]);
+    let half = 0.5_f64.sqrt();
+    let upright = format!("1 {half} {half} 0 0 0 0 0.04 1 one.png\n\n");
+    fs::write(sandbox.path("photos/sparse/0/images.txt"), upright).unwrap();
+    formats::write(&sandbox.path("small.ply"), &model(20).scaled(0.01), RenderMode::Plain).unwrap();
+    let given = |more: &[&str]| {
+        sandbox.works(&[&["convert", "small.ply", "page.html", "--scene", "photos"], more].concat());
+        parameters(&fs::read_to_string(sandbox.path("page.html")).unwrap())
+    };
+    assert_near(&given(&["--up", "-y"])["up"], DVec3::NEG_Y);
+    let given = given(&[]);
+    assert_near(&given["up"], DVec3::Z);
+    assert_near(&given["start"]["position"], DVec3::new(0.0, -0.04, 0.0));
+    assert_near(&given["target"], DVec3::ZERO);
+    assert!((5e-4..1e-3).contains(&given["near"].as_f64().unwrap()), "{given}");
+    sandbox.works(&["convert", "small.ply", "small.spz"]);
+    sandbox.works(&["render", "small.spz", "--scene", "photos", "-o", "out"]);
+    let Some(mut page) = open(&sandbox, "page.html") else { return };
+    let (psnr, most) = likeness(&mut page, &sandbox, "out/one.png");
+    assert!(psnr > 40.0, "{psnr} dB, at most {most}");
+}
+
+#[test]
+fn the_page_of_a_run_begins_at_its_first_held_out_camera() {
+    let sandbox = Sandbox::new();
+    let scene = Scene::open(&capture(&sandbox.path("capture"), 300), &OpenOptions::default()).unwrap();
+    let run = ["run", "capture/scene", "-o", "trained", "--no-prune", "--iterations", "20", "--sh-degree", "0"];
+    sandbox.works(&[&run[..], &["--resolution", "24", "--with-model"]].concat());
+    let report = parse(&fs::read_to_string(sandbox.path("trained/report.html")).unwrap()).unwrap();
+    let given = parameters(report.select("#model iframe")[0].attribute("srcdoc").unwrap());
+    let camera = &scene.views[scene.split(EVAL_EVERY).test[0]].camera;
+    assert_near(&given["start"]["position"], camera.centre());
+    assert_near(&given["target"], scene.sight(camera));
+    assert_near(&given["up"], scene.up());
+    assert!((given["near"].as_f64().unwrap() - f64::from(scene.near)).abs() < 1e-6, "{}", given["near"]);
+}
+
+#[test]
+fn pages_show_models_of_any_unit_and_place() {
+    let sandbox = Sandbox::new();
+    let cloud = cloud(200);
+    let far = cloud.means.iter().map(|[x, y, z]| [x + 1e5, y - 2e4, *z]).collect();
+    let far = Gaussians { means: far, ..cloud.clone() };
+    let psnr = |model: &Gaussians| -> f64 {
+        formats::write(&sandbox.path("in.ply"), model, RenderMode::Plain).unwrap();
+        let said = sandbox.works(&["convert", "in.ply", "out.html", "--sh-bits", "8,8"]).said;
+        let (before, _) = said.split_once(" dB against it").unwrap_or_else(|| panic!("{said}"));
+        before.rsplit(' ').next().unwrap().parse().unwrap()
+    };
+    let usual = psnr(&cloud);
+    for (what, model) in [("1e-4", &*cloud.scaled(1e-4)), ("1e6", &*cloud.scaled(1e6)), ("far", &far)] {
+        let psnr = psnr(model);
+        assert!(psnr > usual - 2.0, "{what}: {psnr} dB, {usual} dB as usual");
+    }
+}
+
 #[test]
 fn a_page_obeys_mouse_and_keys_and_unpacks_without_the_browsers_help() {
     let sandbox = Sandbox::new();
@@ -123,8 +199,19 @@ fn a_page_obeys_mouse_and_keys_and_unpacks_without_the_browsers_help() {
     assert_eq!(page.value("viewer.turning"), true);
     let before = position(&mut page);
     page.until(&format!("viewer.camera.position[0] !== {}", before[0]));
+    // A key that is held changes nothing more.
+    let held = json!({ "type": "keyDown", "key": " ", "autoRepeat": true });
+    page.call("Input.dispatchKeyEvent", &held);
+    assert_eq!(page.value("viewer.turning"), true);
     page.key("h");
     assert_eq!(page.value("document.getElementById('bar').hidden"), true);
+    // Zooming has an end on either side, and a flight goes on from there.
+    let shares = page.value(
+        "(() => { const { camera, reach } = viewer; camera.dolly(1e-12); const least = camera.distance, at = camera.position; \
+         camera.fly(0, 0, 1); const flown = Math.hypot(...camera.position.map((v, i) => v - at[i])); camera.dolly(1e30); \
+         return [least, flown, camera.distance].map((v) => v / reach) })()",
+    );
+    assert_near(&shares, DVec3::new(1e-3, 0.05, 1e3));
     assert_alone(&page);
 
     // The same words from the page's own decompressor.
@@ -140,6 +227,26 @@ fn a_page_obeys_mouse_and_keys_and_unpacks_without_the_browsers_help() {
     };
     let (own, browsers) = (unpacked(true), unpacked(false));
     assert!(own == browsers && own.as_array().is_some_and(|words| words.len() == 240), "{own}");
+}
+
+#[test]
+fn words_of_a_page_are_right_and_legible_over_white() {
+    let sandbox = Sandbox::new();
+    formats::write(&sandbox.path("one.ply"), &model(1), RenderMode::Plain).unwrap();
+    sandbox.works(&["convert", "one.ply", "page.html", "--background", "white", "--title", " "]);
+    let Some(mut page) = open(&sandbox, "page.html") else { return };
+    assert_eq!(page.value("document.title"), "one");
+    assert!(page.value("document.getElementById('facts').textContent").as_str().unwrap().starts_with("1 Gaussian, "));
+    page.key(" ");
+    let contrasts = page.value(
+        "(() => { const of = (id, what) => getComputedStyle(document.getElementById(id))[what].match(/[\\d.]+/g).map(Number); \
+         const over = ([r, g, b, a], under) => [r, g, b].map((v, k) => v * a + under[k] * (1 - a)); \
+         const linear = (v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4; \
+         const light = (c) => [0.2126, 0.7152, 0.0722].reduce((sum, w, k) => sum + w * linear(c[k] / 255), 0.05); \
+         const bar = over(of('bar', 'backgroundColor'), [255, 255, 255]), pressed = over(of('turn', 'backgroundColor'), bar); \
+         return [light(of('facts', 'color')) / light(bar), light(of('turn', 'color')) / light(pressed)] })()",
+    );
+    assert!(contrasts.as_array().unwrap().iter().all(|c| c.as_f64().unwrap() >= 4.5), "{contrasts}");
 }
 
 /// Opens a page of this many small Gaussians.

@@ -48,6 +48,9 @@ fn a_wrong_command_line_is_usage() {
         vec!["compress", "model.ply", "-o", "out", "--curve", "sog", "--peer", "none", "--port", "8080"],
         vec!["compress", "model.ply", "-o", "out", "--curve", "sog", "--peer", "none", "--host", "127.0.0.1"],
         vec!["eval", "model.ply", "--against", "model.ply", "--pole-mask", "20"],
+        vec!["eval", "model.ply", "--against", "model.ply", "--scratch", "."],
+        vec!["compress", "model.ply", "-o", "small.ply", "--scratch", "."],
+        vec!["compress", "model.ply", "-o", "small.ply", "--views", "16", "--scratch", "."],
         vec!["compress", "model.ply", "-o", "small.ply", "--views", "16", "--eval-every", "4"],
         vec!["compress", "model.ply", "-o", "small.ply", "--up", "y", "--resolution", "100"],
         vec!["edit", "model.ply", "-o", "cut.ply", "--min-opacity", "0.1", "--dilation", "0.1"],
@@ -65,6 +68,16 @@ fn a_wrong_command_line_is_usage() {
     fs::create_dir_all(sandbox.path("out/arms")).unwrap();
     sandbox.fails(2, &["run", "scene", "-o", "out", "--resume"], &["holds a comparison"]);
     assert_eq!(formats::read(&sandbox.path("model.ply")).unwrap().gaussians, model(20));
+}
+
+#[test]
+fn a_number_of_random_points_is_refused_where_a_run_begins_with_others() {
+    let sandbox = Sandbox::new();
+    sandbox.works(&["synth", "made", "--views", "3", "--size", "32x24", "--points", "50"]);
+    for (init, first) in [("points", "points of made"), ("model.ply", "the model model.ply")] {
+        let run = ["run", "made", "-o", "out", "--iterations", "1", "--init", init, "--init-count", "300"];
+        sandbox.fails(2, &run, &["--init-count", first, "--init random"]);
+    }
 }
 
 #[test]

@@ -79,6 +79,8 @@ fn equal_pictures_are_called_equal_and_missing_weights_are_told_once_after_the_w
     let sandbox = Sandbox::new();
     let eval = |arguments: &[&str]| {
         let mut command = sandbox.command(arguments);
+        // A folder of temporary files that the system names is no option.
+        let command = command.env("TMPDIR", sandbox.path("scene"));
         end(command.env_remove("QIRF_LPIPS").env("XDG_DATA_HOME", sandbox.path("empty")))
     };
     let same = eval(&["eval", "model.ply", "--against", "model.ply"]).with(0, &[]);

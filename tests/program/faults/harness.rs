@@ -53,6 +53,13 @@ pub fn run(out: &Path, more: &[&str]) -> Command {
     command
 }
 
+/// Begins a run into `out`, and kills it once a condition holds.
+pub fn killed(out: &Path, once: impl Fn() -> bool) {
+    let mut child = start(&mut run(out, &[]));
+    child.until(once);
+    child.signal("KILL");
+}
+
 /// The model that an undisturbed run ends with, made once.
 pub fn undisturbed() -> &'static [u8] {
     static MADE: OnceLock<Vec<u8>> = OnceLock::new();

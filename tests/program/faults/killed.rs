@@ -1,7 +1,7 @@
 //! Kills and interruptions: a resumed run ends with the bytes of the undisturbed run.
 
 use super::harness::{
-    FIRST_PRUNE, ITERATIONS, content, end, program, run, start, start_telling, undisturbed, whole, works,
+    FIRST_PRUNE, ITERATIONS, content, end, killed, program, run, start, start_telling, undisturbed, whole, works,
 };
 use qirf_vk::job::run_log::LogLine;
 use qirf_vk::random;
@@ -79,9 +79,7 @@ fn killed_in_training_and_fine_tuning_it_ends_with_the_same_bytes() {
 fn killed_after_a_prune_it_knows_what_it_pruned() {
     let folder = tempfile::tempdir().unwrap();
     let (out, checkpoint) = (folder.path(), folder.path().join("checkpoint.safetensors"));
-    let mut child = start(&mut run(out, &[]));
-    child.until(|| checkpoint.exists() && Snapshot::read(&checkpoint).is_ok_and(|s| s.iteration > FIRST_PRUNE));
-    child.signal("KILL");
+    killed(out, || checkpoint.exists() && Snapshot::read(&checkpoint).is_ok_and(|s| s.iteration > FIRST_PRUNE));
     let reached = at(&checkpoint);
     assert!(reached > FIRST_PRUNE, "{reached}");
     works(&mut run(out, &["--resume"])).with(0, &[&format!("resuming after iteration {reached}")]);
@@ -178,9 +176,7 @@ fn compression_is_whole_or_absent() {
 fn damaged_checkpoints_are_refused_and_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (out, checkpoint) = (folder.path().join("out"), folder.path().join("out/checkpoint.safetensors"));
-    let mut child = start(&mut run(&out, &[]));
-    child.until(|| checkpoint.exists());
-    child.signal("KILL");
+    killed(&out, || checkpoint.exists());
     let good = fs::read(&checkpoint).unwrap();
     fs::write(out.join("model.ply"), undisturbed()).unwrap();
     let refused = |bytes: &[u8], says: &str| {

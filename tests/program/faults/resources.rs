@@ -5,7 +5,7 @@
 //! users have them; elsewhere only the limit on the size of files (`ulimit -f`) is tried, on a command without a
 //! device: software devices keep their memory in files, which the limit would hit first.
 
-use super::harness::{Ended, behind, content, end, program, run, scene, start, undisturbed, whole, works};
+use super::harness::{Ended, behind, content, end, killed, program, run, scene, undisturbed, whole, works};
 use crate::support::{opened, skip};
 use qirf_vk::gaussians::formats;
 use qirf_vk::gpu::Device;
@@ -51,9 +51,7 @@ fn a_checkpoint_that_does_not_fit_leaves_the_one_before() {
     }
     let folder = tempfile::tempdir().unwrap();
     let (out, checkpoint) = (folder.path(), folder.path().join("checkpoint.safetensors"));
-    let mut child = start(&mut run(out, &[]));
-    child.until(|| checkpoint.exists());
-    child.signal("KILL");
+    killed(out, || checkpoint.exists());
     let before = fs::read(&checkpoint).unwrap();
     let kilobytes = before.len() / 1024 + 40;
     let (ended, disk) = on_a_disk(kilobytes, out, |disk| run(disk, &["--resume"]));
@@ -171,9 +169,7 @@ fn a_read_only_folder_is_named_and_keeps_its_run() {
     }
     let folder = tempfile::tempdir().unwrap();
     let (out, checkpoint) = (folder.path().join("out"), folder.path().join("out/checkpoint.safetensors"));
-    let mut child = start(&mut run(&out, &[]));
-    child.until(|| checkpoint.exists());
-    child.signal("KILL");
+    killed(&out, || checkpoint.exists());
     let before = content(&out);
     let shell = format!("mount --bind '{0}' '{0}' && mount -o remount,bind,ro '{0}' || exit 99; \"$@\"", out.display());
     let inside = behind(&shell, &run(&out, &["--resume"]));
@@ -306,9 +302,7 @@ fn threads_that_the_system_refuses_are_told() {
 fn configurations_are_refused_by_field() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    let mut child = start(&mut run(&out, &[]));
-    child.until(|| out.join("config.toml").exists());
-    child.signal("KILL");
+    killed(&out, || out.join("config.toml").exists());
     let text = fs::read_to_string(out.join("config.toml")).unwrap();
     let edited = folder.path().join("edited.toml");
     let begin = || {

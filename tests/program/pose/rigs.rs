@@ -94,8 +94,8 @@ fn a_rig_whose_cameras_are_placed_is_known_before_photos_are_compared() {
 }
 
 #[test]
-fn without_help_from_colmap_each_camera_is_posed_by_itself_and_that_is_told() {
-    for (help, told) in [(None, "this COLMAP knows no rigs"), (Some(NEW), "COLMAP refuses the rig")] {
+fn without_help_from_colmap_cameras_are_posed_independently_and_that_is_told() {
+    for (help, told) in [(None, "this version of COLMAP does not support"), (Some(NEW), "COLMAP refuses the rig")] {
         let stage = stage(help);
         let mut pose = stage.pose(&["--rig"]);
         pose.env("FAKE_AT", "rig_configurator");

@@ -1,7 +1,8 @@
 //! Training that is watched: its bytes are its own, and a page can hold and end it.
 
-use super::beside;
 use super::session::{Socket, Viewer, request};
+use super::{beside, scene};
+use crate::program::ended::copy;
 use crate::program::faults::harness::{content, end, program, run, undisturbed};
 use serde_json::Value;
 use std::path::Path;
@@ -60,6 +61,30 @@ fn who_watches_changes_no_byte() {
     let pictures =
         |folder: &Path| content(&folder.join("renders")).into_iter().map(|(_, bytes)| bytes).collect::<Vec<_>>();
     assert_eq!(pictures(alone.path()), pictures(seen_from.path()));
+}
+
+/// The page's coordinates are those of the training: of a capture in small units, a thousand times the model's.
+#[test]
+fn a_page_knows_the_unit_of_a_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = folder.path().join("small");
+    copy(scene(), &small);
+    for (file, first) in [("images.txt", 5), ("points3D.txt", 1)] {
+        let path = small.join("sparse/0").join(file);
+        let scaled = |line: &str| {
+            let mut fields: Vec<String> = line.split(' ').map(str::to_owned).collect();
+            if !line.starts_with('#') && (first == 1 || line.contains(".png")) {
+                fields[first..first + 3].iter_mut().for_each(|f| *f = (1e-3 * f.parse::<f64>().unwrap()).to_string());
+            }
+            fields.join(" ") + "\n"
+        };
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text.lines().map(scaled).collect::<String>()).unwrap();
+    }
+    let mut command = program();
+    command.arg("run").arg(&small).arg("-o").arg(folder.path().join("out")).args(["--iterations", "3000", "--view"]);
+    let description = Viewer::of(command).json("/scene.json");
+    assert!((description["unit"].as_f64().unwrap() - 1e-3).abs() < 1e-9, "{}", description["unit"]);
 }
 
 /// Looks at a job from many cameras until it ends: the iterations of the pictures that came.

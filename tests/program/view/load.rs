@@ -67,6 +67,17 @@ fn pages_that_come_and_go_leave_no_memory_behind() {
     println!("50 pages left {:.2} MB", grown / 1e6);
 }
 
+/// More connections than are served, none of which sends a request: the oldest make room.
+#[test]
+fn silent_connections_keep_nobody_out() {
+    let viewer = viewer(&[]);
+    let silent: Vec<_> = (0..40).map(|_| viewer.connect()).collect();
+    for path in ["/", "/page.js", "/scene.json"] {
+        assert_eq!(viewer.get(path).0, 200, "{path}");
+    }
+    drop(silent);
+}
+
 #[test]
 fn a_page_that_rests_is_sent_nothing_and_costs_little() {
     let viewer = viewer(&[]);

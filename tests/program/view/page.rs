@@ -1,7 +1,7 @@
 //! The page in a browser: what it shows, and what it makes of a mouse, keys and fingers.
 
 use super::session::Viewer;
-use super::{beside, rendered, viewer};
+use super::{beside, counted_from, rendered, scene, viewer};
 use crate::program::ended::{qirf, works};
 use crate::support::browser::Browser;
 use serde_json::{Value, json};
@@ -44,22 +44,65 @@ fn a_still_canvas_holds_the_pixels_of_the_file_that_render_writes() {
 
 #[test]
 fn a_crop_option_tells_the_sphere_in_the_picture() {
-    let viewer = viewer(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    let (model, scene) = (counted_from(10.0, folder.path()), scene().display().to_string());
+    let viewer = Viewer::start(&["view", &model, "--scene", &scene]);
     let Some(mut page) = Browser::open(&viewer.url) else { return };
     page.until(RESTED);
-    let crop = page.value("document.getElementById('crop').open = true; viewer.camera.target.concat(viewer.camera.distance, viewer.camera.fov)");
-    page.until("document.querySelector('#crop > code').textContent");
-    let (option, crop) = (page.value("document.querySelector('#crop > code').textContent"), numbers(&crop));
-    let option: Vec<f64> = option
-        .as_str()
-        .unwrap()
-        .strip_prefix("--crop-sphere ")
-        .unwrap()
-        .split(',')
-        .map(|v| v.parse().unwrap())
-        .collect();
-    let right = [crop[0], crop[1], crop[2], crop[3] * (0.5 * crop[4]).sin()];
-    assert!(option.iter().zip(right).all(|(a, b)| (a - b).abs() <= 1e-3 * crop[3]), "{option:?} {right:?}");
+    // In the coordinates of the file, also where a run has another unit.
+    page.value("document.getElementById('crop').open = true; viewer.scene.unit = 0.5");
+    for narrow in [false, true] {
+        if narrow {
+            let screen = json!({ "width": 330, "height": 420, "deviceScaleFactor": 1, "mobile": false });
+            page.call("Emulation.setDeviceMetricsOverride", &screen);
+            page.key("h");
+            page.until(&format!("viewer.frame.size.join() === '330,420' && {RESTED}"));
+        }
+        let [x, y, z, distance, fov, ratio] = numbers(&page.value(
+            "[...viewer.camera.target, viewer.camera.distance, viewer.camera.fov, picture.width / picture.height]",
+        ))[..] else {
+            panic!("six numbers")
+        };
+        let radius = 0.5 * distance * ((0.5 * fov).tan() * ratio.min(1.0)).atan().sin();
+        let right = [0.5 * x - 10.0, 0.5 * y, 0.5 * z, radius];
+        let told =
+            "document.querySelector('#crop > code').textContent.replace('--crop-sphere ', '').split(',').map(Number)";
+        page.until(&format!("{told}.every((v, i) => Math.abs(v - {right:?}[i]) <= {})", 1e-3 * radius));
+    }
+    assert_eq!(page.complaints, Vec::<String>::new());
+}
+
+#[test]
+fn the_panel_is_used_by_keys_alone() {
+    let other = beside("other.ply");
+    let viewer = viewer(&["--against", &other]);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    page.until(RESTED);
+    let press = |page: &mut Browser, key: &str, code: u32, times: u32| {
+        for kind in (0..times).flat_map(|_| ["keyDown", "keyUp"]) {
+            let event = json!({ "type": kind, "key": key, "code": key, "windowsVirtualKeyCode": code });
+            page.call("Input.dispatchKeyEvent", &event);
+        }
+    };
+    page.value("document.getElementById('split').focus()");
+    press(&mut page, "ArrowRight", 39, 4);
+    let focus = "[document.activeElement.id, document.activeElement.value, viewer.photo]";
+    assert_eq!(page.value(focus), json!(["split", "4", -1]));
+    page.value("document.getElementById('kind').focus()");
+    press(&mut page, "ArrowDown", 40, 2);
+    assert_eq!(page.value("[document.activeElement.id, viewer.kind]"), json!(["kind", "alpha"]));
+    // After a pointer, keys belong to the camera.
+    let middle = "(() => { const { left, top, width, height } = document.getElementById('split').getBoundingClientRect(); \
+        return [left + width / 2, top + height / 2] })()";
+    let middle = numbers(&page.value(middle));
+    for kind in ["mousePressed", "mouseReleased"] {
+        page.mouse(kind, [middle[0], middle[1]], &json!({}));
+    }
+    page.until("document.getElementById('split').value > 40 && document.activeElement === document.body");
+    // What is not text has a name.
+    page.until(
+        "photo.alt && [...document.querySelectorAll('main, canvas')].every((e) => e.getAttribute('aria-label'))",
+    );
     assert_eq!(page.complaints, Vec::<String>::new());
 }
 

@@ -1,7 +1,7 @@
 //! What a viewer refuses: strangers, other sites, bad requests and messages, a fifth page.
 
 use super::session::{Viewer, pose, request};
-use super::{beside, viewer};
+use super::{beside, scene, viewer};
 use crate::program::ended::{end, qirf};
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -34,7 +34,14 @@ fn strangers_and_other_sites_see_nothing() {
     for path in ["/", "/scene.json", "/photo/4", "/page.js", "/camera.js", "/draw.js", "/input.js", "/page.css"] {
         assert_eq!(status(path, &[mine]), 200, "{path}");
     }
-    assert_eq!(viewer.exchange("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n").0, 405);
+    assert_eq!(status("/scene.json", &[mine, ("Host", "LOCALHOST")]), 200);
+    let (code, head, _) = viewer.exchange("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    assert!(code == 405 && head.contains("Allow: GET, HEAD\r\n"), "{head}");
+    let (code, head, body) = viewer.exchange(&viewer.request("/page.js", &[mine]).replacen("GET", "HEAD", 1));
+    assert!(code == 200 && !head.contains("Content-Length: 0") && body.is_empty(), "{head}");
+    let with_token = viewer.url.rsplit_once('?').unwrap().1;
+    let (code, head, body) = viewer.exchange(&viewer.request(&format!("/scene.json?{with_token}"), &[]));
+    assert!(code == 200 && head.contains("Set-Cookie: ") && body.starts_with(b"{"), "{head}");
     assert_eq!(status(&format!("/{}", "a".repeat(9000)), &[mine]), 431);
     let head = viewer.exchange(&viewer.request("/", &[mine])).1;
     assert!(head.contains("Content-Security-Policy: default-src 'none'") && !head.contains("Access-Control"), "{head}");
@@ -109,14 +116,28 @@ fn a_fifth_page_waits_outside() {
 fn what_cannot_be_shown_or_served_is_said() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let model = beside("model.ply");
+    let (model, scene) = (beside("model.ply"), scene().display().to_string());
+    // As a run leaves its folder until it has finished.
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("config.toml"), "").unwrap();
+    let begun = folder.path().display().to_string();
     for (arguments, code, words) in [
         (vec!["view", &model, "--port", &port], 2, "cannot listen on"),
         (vec!["view", "nowhere.ply"], 3, "nowhere.ply"),
         (vec!["view", &model, "--scene", "nowhere"], 3, "nowhere"),
         (vec!["view", &model, "--host", "example.org"], 2, "--host"),
+        (
+            vec!["view", &model, "--host", "192.0.2.1"],
+            2,
+            "192.0.2.1 is no address of this machine; choose another --host",
+        ),
+        (vec!["view", &begun], 3, "a run that has not finished; continue it with `run --resume`"),
+        (vec!["view", &model, "--scene", &begun], 3, "a run that has not finished"),
+        (vec!["inspect", &begun], 3, "a run that has not finished"),
+        (vec!["eval", &begun, &scene], 3, "a run that has not finished"),
     ] {
-        end(&mut qirf(arguments)).with(code, &[words]);
+        let said = end(&mut qirf(arguments)).with(code, &[words]).said;
+        assert!(!said.contains("other machines can reach"), "{said}");
     }
     drop(Viewer::start(&["view", &model]));
 }

@@ -2,11 +2,11 @@
 
 use super::corpus::{Input, Reader};
 use super::writers::write;
+use qirf_vk::depth_maps::read;
 use qirf_vk::edit::Similarity;
 use qirf_vk::gaussians::formats::{self, Loaded};
 use qirf_vk::glam::DVec3;
 use qirf_vk::job::RunConfig;
-use qirf_vk::pipeline::depth_maps::read;
 use qirf_vk::pose::Rig;
 use qirf_vk::scene::walk::{self, Frame};
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene, read_text};

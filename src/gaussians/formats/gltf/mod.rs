@@ -26,12 +26,13 @@ const EXTENSION: &str = "KHR_gaussian_splatting";
 /// Key of the tag in a primitive's `extras`; values are those of PLY's comment.
 const TAG: &str = "SplatRenderMode";
 /// Extensions that a file may require for its Gaussians.
-const KNOWN: [&str; 5] = [
+const KNOWN: [&str; 6] = [
     EXTENSION,
     "KHR_gaussian_splatting_compression_spz",
     "KHR_gaussian_splatting_compression_spz_2",
     "KHR_spz_gaussian_splats_compression",
     "KHR_mesh_quantization",
+    "EXT_mesh_gpu_instancing",
 ];
 /// Most primitives that nodes may place: a short file may place a long list many times.
 const MOST_PLACED: usize = 1 << 16;
@@ -46,31 +47,33 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
     let mut tags = Vec::new();
     let (mut found, mut visits, mut origin) = (false, 0, None);
     for placed in place::meshes(&document)? {
-        visits += document.meshes[placed.mesh].primitives.len();
+        let primitives = &document.meshes[placed.mesh].primitives;
+        let copies = if primitives.iter().any(splats::holds) { placed.copies(&store)? } else { vec![placed.map] };
+        visits = primitives.len().max(1).saturating_mul(copies.len()).saturating_add(visits);
         if visits > MOST_PLACED {
             return Err(malformed(
                 format!("mesh {}", placed.mesh),
                 format!("more than {MOST_PLACED} primitives placed; {AGAIN}"),
             ));
         }
-        for (k, primitive) in document.meshes[placed.mesh].primitives.iter().enumerate() {
+        for (k, primitive) in primitives.iter().enumerate() {
             let record = format!("mesh {}, primitive {k}", placed.mesh);
-            let Some((mut part, tag)) = splats::read(&store, primitive, &record)? else { continue };
-            // A small file may place a mesh many times.
-            if !fits(model.len() + part.len(), model.degree().max(part.degree()), store.bytes) {
-                return Err(malformed(
-                    record,
-                    format!("placed too often for a file of {} bytes; {AGAIN}", store.bytes),
-                ));
-            }
-            placed.apply(&mut part, &mut origin)?;
+            let Some((part, tag)) = splats::read(&store, primitive, &record)? else { continue };
             tags.push(tag);
-            if found {
-                model.append(&part);
-            } else {
-                model = part;
+            for (mut part, map) in std::iter::repeat_n(part, copies.len()).zip(&copies) {
+                // A small file may place a mesh many times.
+                if !fits(model.len() + part.len(), model.degree().max(part.degree()), store.bytes) {
+                    let what = format!("placed too often for a file of {} bytes; {AGAIN}", store.bytes);
+                    return Err(malformed(record, what));
+                }
+                placed.apply(&mut part, map, &mut origin)?;
+                if found {
+                    model.append(&part);
+                } else {
+                    model = part;
+                }
+                found = true;
             }
-            found = true;
         }
     }
     let mut tag = Tag::of_parts(tags);

@@ -5,14 +5,15 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 use super::super::Gaussians;
 use super::super::fault::{Fault, malformed};
 use super::super::turn::place;
-use super::AGAIN;
-use super::document::{Document, Node};
+use super::container::Store;
+use super::document::{Copies, Document, Node};
+use super::{AGAIN, MOST_PLACED};
 
-/// A mesh, and the map from its axes to the scene's.
+/// A mesh, and the map from its node's axes to the scene's.
 pub(super) struct Placed {
     pub mesh: usize,
     node: usize,
-    map: DAffine3,
+    pub map: DAffine3,
 }
 
 /// The meshes of the file's scene; all meshes of a file without nodes.
@@ -61,17 +62,45 @@ fn local(node: &Node) -> DAffine3 {
     if let Some(columns) = &node.matrix {
         return DAffine3::from_mat4(DMat4::from_cols_array(columns));
     }
-    let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
+    let rotation = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+    affine(node.scale.unwrap_or([1.0; 3]), rotation, node.translation.unwrap_or([0.0; 3]))
+}
+
+/// The map that scales, rotates by a quaternion (x, y, z, w), then translates.
+fn affine(scale: [f64; 3], rotation: [f64; 4], translation: [f64; 3]) -> DAffine3 {
+    let rotation = DQuat::from_array(rotation);
     // A zero quaternion becomes NaN, which is refused.
     let rotation = if rotation == DQuat::IDENTITY { rotation } else { rotation * rotation.length().recip() };
-    let (scale, translation) = (node.scale.unwrap_or([1.0; 3]), node.translation.unwrap_or([0.0; 3]));
     DAffine3::from_scale_rotation_translation(DVec3::from(scale), rotation, DVec3::from(translation))
 }
 
 impl Placed {
-    /// Moves Gaussians to their place; `origin` is the local origin of all.
-    pub(super) fn apply(&self, model: &mut Gaussians, origin: &mut Option<DVec3>) -> Result<(), Fault> {
-        if !place(model, &self.map, origin) {
+    /// The maps of the mesh's copies to the scene's axes; that of the node without `EXT_mesh_gpu_instancing`.
+    pub(super) fn copies(&self, store: &Store<'_>) -> Result<Vec<DAffine3>, Fault> {
+        let instances = store.document.nodes.get(self.node).and_then(|node| node.extensions.instances.as_ref());
+        let Copies { translation, rotation, scale } = instances.map(|i| i.attributes).unwrap_or_default();
+        let Some(first) = translation.or(rotation).or(scale) else { return Ok(vec![self.map]) };
+        let fault = |what: String| malformed(format!("node {}", self.node), format!("{what}; {AGAIN}"));
+        let n = store.count(first)?;
+        if n > MOST_PLACED {
+            return Err(fault(format!("{n} copies of its mesh, at most {MOST_PLACED} are read")));
+        }
+        let numbers = |index: Option<usize>, usual: &[f32]| match index {
+            Some(index) => store.floats(index, usual.len(), n),
+            None => Ok(usual.repeat(n)),
+        };
+        let (translations, scales) = (numbers(translation, &[0.0; 3])?, numbers(scale, &[1.0; 3])?);
+        let rotations = numbers(rotation, &[0.0, 0.0, 0.0, 1.0])?;
+        let rows =
+            scales.as_chunks::<3>().0.iter().zip(rotations.as_chunks::<4>().0).zip(translations.as_chunks::<3>().0);
+        let maps: Vec<DAffine3> =
+            rows.map(|((s, r), t)| self.map * affine(s.map(f64::from), r.map(f64::from), t.map(f64::from))).collect();
+        if maps.iter().all(DAffine3::is_finite) { Ok(maps) } else { Err(fault("a copy's place is not finite".into())) }
+    }
+
+    /// Moves Gaussians to the place of a copy; `origin` is the local origin of all.
+    pub(super) fn apply(&self, model: &mut Gaussians, map: &DAffine3, origin: &mut Option<DVec3>) -> Result<(), Fault> {
+        if !place(model, map, origin) {
             return Err(Fault::Unsupported(format!(
                 "node {} is scaled by different factors along its axes; apply its transform in the program that made it",
                 self.node

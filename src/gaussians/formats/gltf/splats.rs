@@ -21,6 +21,11 @@ fn tag_in(extras: &RawValue) -> Option<String> {
     Some(serde_json::from_str(value).unwrap_or_else(|_| value.to_owned()))
 }
 
+/// True if a primitive has splats.
+pub(super) fn holds(primitive: &Primitive) -> bool {
+    primitive.extensions.splats.is_some() || primitive.extensions.spz.is_some()
+}
+
 /// The Gaussians of a primitive and their tag; none if it has no splats.
 pub(super) fn read(store: &Store, primitive: &Primitive, record: &str) -> Result<Option<(Gaussians, Tag)>, Fault> {
     let extensions = &primitive.extensions;

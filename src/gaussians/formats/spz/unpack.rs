@@ -11,13 +11,13 @@
 
 use std::io::Read;
 
-use flate2::bufread::GzDecoder;
 use half::f16;
 use rayon::prelude::*;
 
 use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 use super::super::bytes::{field, from_smallest_three, logit_of_byte, u32_at, u64_at};
 use super::super::fault::{Fault, malformed};
+use super::super::gzip::{self, Members};
 use super::super::limit::fits;
 use super::super::{Format, Gaussians, Parsed, Tag};
 use super::{COLOUR_SCALE, FLAG_ANTIALIASED, HEADER, MAGIC};
@@ -36,7 +36,7 @@ const COORDINATE_SYSTEM: u32 = 0xADBE_0003;
 pub(in super::super) fn is_inside(bytes: &[u8]) -> bool {
     let mut start = [0; 3];
     let other: [&[u8]; 6] = [b"ply", b"PK\x03", b"glT", b"#us", b"\x1f\x8b\x08", b"{\n "];
-    GzDecoder::new(bytes).read_exact(&mut start).is_err() || !other.contains(&start.as_slice())
+    Members::new(bytes).read_exact(&mut start).is_err() || !other.contains(&start.as_slice())
 }
 
 /// The fields that all versions share.
@@ -127,7 +127,7 @@ pub(in super::super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
 
 /// Reads a whole SPZ file of any version inside another file.
 pub(in super::super) fn read_in(bytes: &[u8], around: Around) -> Result<Parsed, Fault> {
-    if bytes.starts_with(&[0x1f, 0x8b]) {
+    if bytes.starts_with(&gzip::MAGIC) {
         return read_gzip(bytes, around);
     }
     let header = Header::parse(bytes, around)?;
@@ -139,7 +139,7 @@ pub(in super::super) fn read_in(bytes: &[u8], around: Around) -> Result<Parsed, 
 }
 
 fn read_gzip(bytes: &[u8], around: Around) -> Result<Parsed, Fault> {
-    let mut decoder = GzDecoder::new(bytes);
+    let mut decoder = Members::new(bytes);
     let mut plain = Vec::new();
     let damaged = |count: usize, error: &std::io::Error| {
         malformed(

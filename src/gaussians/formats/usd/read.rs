@@ -13,6 +13,10 @@ use crate::wording::shown;
 
 /// Deepest nesting of prims.
 const DEEPEST: usize = 1000;
+/// Metadata that adds the content of other layers, or of other prims.
+const ARCS: [&[u8]; 5] = [b"references", b"payload", b"subLayers", b"inherits", b"specializes"];
+const ELSEWHERE: &str =
+    "it refers to other layers or prims, which are not read; `usdcat --flatten in.usda -o out.usda` joins them";
 
 /// Attributes of a prim with Gaussians.
 #[derive(Default)]
@@ -55,9 +59,10 @@ struct Scope {
 
 /// Reads a text layer; its prims with Gaussians are one model.
 pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
-    let mut reader = Reader { scan: Scan::new(text), tag: Tag::default(), z_up: false, parts: Vec::new() };
+    let mut reader =
+        Reader { scan: Scan::new(text), tag: Tag::default(), z_up: false, refers: false, parts: Vec::new() };
     reader.layer()?;
-    let Reader { z_up, parts, tag: of_layer, .. } = reader;
+    let Reader { z_up, refers, parts, tag: of_layer, .. } = reader;
     let upright = DAffine3::from_rotation_x(if z_up { -std::f64::consts::FRAC_PI_2 } else { 0.0 });
     let (mut model, mut tags, mut origin) = (None, Vec::new(), None);
     for (mut part, tag, map) in parts {
@@ -75,12 +80,12 @@ pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
         }
     }
     let Some(mut model) = model else {
-        return Err(Fault::Unsupported(format!(
-            "no prim of type {PRIM}: this USD holds no Gaussians; give another file"
-        )));
+        let why = if refers { ELSEWHERE } else { "this USD holds no Gaussians; give another file" };
+        return Err(Fault::Unsupported(format!("no prim of type {PRIM}: {why}")));
     };
     convert(&mut model, RIGHT_UP_BACK, RIGHT_DOWN_FRONT);
     let mut tag = Tag::of_parts(tags);
+    tag.doubt = tag.doubt.or_else(|| refers.then(|| ELSEWHERE.to_owned()));
     tag.origin = convert_place(origin.unwrap_or_default(), RIGHT_UP_BACK, RIGHT_DOWN_FRONT).to_array();
     Ok(Parsed { gaussians: model, format: Format::Usd, tag, trailing_bytes: 0 })
 }
@@ -89,6 +94,8 @@ struct Reader<'a> {
     scan: Scan<'a>,
     tag: Tag,
     z_up: bool,
+    /// True if a prim or the layer adds the content of others.
+    refers: bool,
     parts: Vec<Part>,
 }
 
@@ -232,7 +239,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// A group of metadata in parentheses; notes which axis is up.
+    /// A group of metadata in parentheses; notes which axis is up, and references.
     fn metadata(&mut self) -> Result<Metadata, Fault> {
         let mut metadata = Metadata::default();
         let start = self.scan.at;
@@ -252,6 +259,10 @@ impl Reader<'_> {
                 depth += usize::from(matches!(value, b"(" | b"{"));
                 match last {
                     b"upAxis" => self.z_up = value == b"Z",
+                    _ if depth == 1 && ARCS.contains(&last) => {
+                        let mut next = || if self.scan.at < end { self.scan.word().unwrap_or_default() } else { b"" };
+                        self.refers |= value != b"None" && (value != b"[" || next() != b"]");
+                    }
                     b"active" if depth == 1 => metadata.inactive = matches!(value, b"false" | b"0"),
                     _ if last == TAG.as_bytes() => {
                         metadata.tag.comment(&[&format!("{TAG}:"), &String::from_utf8_lossy(value)]);

@@ -2,7 +2,8 @@
 
 mod suffix;
 
-use crate::job::config::{PruneRule, Pruning, RunConfig};
+use crate::job::RunConfig;
+use crate::job::config::{PruneRule, Pruning};
 use crate::lab::methods::learnt_mask::{LearntMasks, MaskMethod};
 use crate::lab::methods::mcmc::Mcmc;
 use crate::qirf::select::Selector;

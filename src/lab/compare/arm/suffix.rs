@@ -74,7 +74,7 @@ impl Suffixes {
                 rest = after;
             }
             if found.has(suffix) {
-                return Err(format!("'{text}': {shown} is there twice"));
+                return Err(format!("'{text}': {shown} is given twice"));
             }
             found.given.push(suffix);
         }

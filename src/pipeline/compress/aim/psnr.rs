@@ -10,6 +10,10 @@ const ROUGH: f64 = 1.0;
 const FAR: f64 = 0.5;
 /// Maximum number of attempts at one rung until its bytes are foretold.
 const ON_A_RUNG: usize = 3;
+/// Most attempts, beyond all others, at smaller files where the smallest one still exceeds the target by [`FAR`].
+pub(super) const TO_HALVE: usize = 4;
+/// Share of a file's Gaussians by which fewer are worth an attempt.
+const CLOSE: f64 = 0.02;
 /// Attempts left for the best rung, of which three suffice unless PSNR jumps or hardly grows.
 const TO_REFINE: usize = 6;
 
@@ -49,8 +53,8 @@ impl<T: Trials> Search<'_, T> {
                 while !row.is_met() && self.left() > 0 && self.attempt(&mut row)? {}
             }
         }
-        // Where rungs are far apart, fewer Gaussians lower the PSNR of the whole model to the target.
-        let far = |point: &Point| point.gaussians == self.whole && point.psnr > Some(wanted + FAR);
+        // Where rungs are far apart, fewer Gaussians lower the PSNR to the target.
+        let far = |point: &Point| point.psnr > Some(wanted + FAR);
         if let Some(point) = self.smallest(wanted).filter(far) {
             if self.whole <= SMALL {
                 self.most = self.most.max(self.tried.len() + TO_REFINE);
@@ -58,6 +62,9 @@ impl<T: Trials> Search<'_, T> {
             let mut row = Row::of_rung(point.rung, wanted, self.whole);
             self.tried.values().filter(|known| known.rung == point.rung).for_each(|known| row.add(*known));
             while !row.is_met() && self.left() > 0 && self.attempt(&mut row)? {}
+        }
+        if let Some(point) = self.smallest(wanted).filter(far) {
+            self.halve(point, wanted)?;
         }
         match self.smallest(wanted) {
             Some(point) => Ok(point),
@@ -85,6 +92,44 @@ impl<T: Trials> Search<'_, T> {
         let Some((rung, gaussians)) = row.next() else { return Ok(false) };
         row.add(self.scored(rung, gaussians)?);
         Ok(true)
+    }
+
+    /// Tries smaller files than one that exceeds the target by far, as where PSNR hardly grows or jumps and secants mislead: each halves the
+    /// rungs below it, or the Gaussians, whichever served last.
+    fn halve(&mut self, mut point: Point, wanted: f64) -> Result<(), T::Error> {
+        let mut by_rung = true;
+        for _ in 0..TO_HALVE {
+            let (coarser, fewer) = (self.coarser(&point, wanted), self.fewer(&point, wanted));
+            let next = if by_rung { coarser.or(fewer) } else { fewer.or(coarser) };
+            let Some((rung, gaussians)) = next else { break };
+            let next = self.scored(rung, gaussians)?;
+            if next.psnr < Some(wanted) || next.bytes > point.bytes {
+                by_rung = !by_rung;
+                continue;
+            }
+            point = next;
+            if point.psnr <= Some(wanted + FAR) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// As many Gaussians, halfway down to the rungs that are known to miss the target with them; none if no rung is left between.
+    fn coarser(&self, point: &Point, wanted: f64) -> Option<(usize, usize)> {
+        let known = self.tried.values().filter(|known| known.gaussians == point.gaussians && known.rung < point.rung);
+        let misses = known.filter(|known| known.psnr < Some(wanted));
+        let first = misses.map(|known| known.rung + 1).max().unwrap_or(0);
+        (first < point.rung).then(|| (first.midpoint(point.rung), point.gaussians))
+    }
+
+    /// The same rung, halfway down to the numbers of Gaussians that are known to miss the target at it; none if hardly any are left between.
+    fn fewer(&self, point: &Point, wanted: f64) -> Option<(usize, usize)> {
+        let known = self.tried.values().filter(|known| known.rung == point.rung && known.gaussians < point.gaussians);
+        let misses = known.filter(|known| known.psnr < Some(wanted));
+        let first = misses.map(|known| known.gaussians + 1).max().unwrap_or(1);
+        let between = point.gaussians.saturating_sub(first);
+        (between as f64 >= CLOSE * point.gaussians as f64).then(|| (point.rung, first.midpoint(point.gaussians)))
     }
 
     /// The whole model at the rungs between two steps, of which one is known to miss the target and the other to reach it.

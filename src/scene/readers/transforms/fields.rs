@@ -72,7 +72,7 @@ pub(super) struct Whole {
     /// Held-out frames beside the others, as of ScanNet++.
     #[serde(deserialize_with = "or_default")]
     pub test_frames: Vec<Value>,
-    /// Length of a step of whole-number depth maps, under the names of nerfstudio and instant-ngp.
+    /// Length of a step of the numbers of depth maps, under the names of nerfstudio and instant-ngp.
     pub depth_unit_scale_factor: Option<f64>,
     pub integer_depth_scale: Option<f64>,
     #[serde(deserialize_with = "text")]

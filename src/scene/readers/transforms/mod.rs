@@ -51,9 +51,10 @@ struct Reader<'a> {
     moving_frames: usize,
     /// Frames that are called a fisheye's and have another camera model.
     called_fisheye: usize,
-    /// Frames whose lens cannot be used, their photos, and the first one's fault.
-    faulty: Names,
+    /// Photos of frames that are not used.
     left_out: Vec<PathBuf>,
+    /// Frames whose lens cannot be used, and the first one's fault.
+    faulty: Names,
     fault: Option<Error>,
 }
 
@@ -163,15 +164,28 @@ impl Reader<'_> {
         }
         let listed = roles.len();
         let step = whole.depth_unit_scale_factor.or(whole.integer_depth_scale).filter(|step| *step > 0.0);
+        let names: HashSet<String> = frames.iter().filter_map(name_of).collect();
+        // As in nerfstudio, frames that no list has are then not used.
+        let by_lists = whole.train_filenames.iter().any(|name| names.contains(&tidy(name)));
+        let mut unlisted = Names::default();
         let read = self.views.len();
         let own = if whole.test_frames.is_empty() { role } else { Role::Train };
         for (list, frames, role) in [("frame", frames, own), ("test_frames, frame", &whole.test_frames, Role::Test)] {
             for (i, json) in frames.iter().enumerate() {
+                let name = name_of(json).filter(|name| by_lists && role != Role::Test && !roles.contains_key(name));
+                if let Some(name) = name {
+                    unlisted.add(&name);
+                    self.left_out.push(self.usual(&name));
+                    continue;
+                }
                 self.frame((path, format!("{list} {}", i + 1)), json, &common, (&roles, role), frames)?;
             }
         }
         self.views[read..].iter_mut().for_each(|view| view.depth_step = step);
-        let names: HashSet<String> = frames.iter().filter_map(name_of).collect();
+        self.skipped.notes.extend((unlisted.count > 0).then(|| {
+            let photos = counted(unlisted.count, "photo");
+            format!("{photos} in none of the lists of train_filenames, val_filenames and test_filenames, not used ({unlisted})")
+        }));
         let found = roles.keys().filter(|name| names.contains(*name)).count();
         if found < listed {
             self.skipped.notes.push(format!(

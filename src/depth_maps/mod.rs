@@ -9,6 +9,7 @@ use std::sync::Arc;
 use glam::DVec2;
 use rayon::prelude::*;
 
+use crate::effects::geometry::DEPTHS_AGREE;
 use crate::effects::{DepthEvidence, DepthWitness};
 use crate::sample::evenly;
 use crate::scene::camera::Camera;
@@ -96,7 +97,8 @@ struct Found {
 /// The depth maps of `views`, for pictures of this size.
 ///
 /// Each map is scaled to fit the scene's points, or, if too few of them lie in it, by the scale of the other maps. Without any
-/// scale, its numbers are world units. The points also tell lengths along rays and inverse depths from depths.
+/// scale, its numbers are world units. The points also tell lengths along rays, depths along the axis and inverse depths from
+/// each other. Maps that deviate too much to be trained on give no points.
 pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     let with: Vec<usize> = views.iter().copied().filter(|v| scene.views[*v].depth.is_some()).collect();
     if with.is_empty() {
@@ -123,7 +125,6 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
         off => (DepthWitness::Points, off),
     };
     let unseen = by == DepthWitness::Maps && deviation.is_none() && usable > 1;
-    let notes = notes(scene, &found, &known, usable, points.len(), unseen);
     if let (DepthWitness::Maps, Some(apart)) = (by, deviation.filter(|deviation| *deviation > APART)) {
         let notes = vec![format!(
             "depth maps show the same places at depths {:.0} % apart in the median, and no points tell their scale (inverse depths? \
@@ -133,12 +134,41 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
         let evidence = DepthEvidence { maps: 0, by, deviation };
         return DepthMaps { evidence, notes, ..DepthMaps::default() };
     }
+    let evidence = DepthEvidence { maps: usable, by, deviation };
+    let points = if apart(&evidence).is_some() { Vec::new() } else { points };
+    let mut notes = notes(scene, &found, &known);
+    notes.push(yielded(&evidence, &known.scales, points.len(), unseen));
     let maps = maps.into_iter().map(|(v, map)| (scene.views[v].name.clone(), map)).collect();
-    DepthMaps { maps, evidence: DepthEvidence { maps: usable, by, deviation }, points, notes }
+    DepthMaps { maps, evidence, points, notes }
 }
 
-/// Notes for the user: unused maps with reasons, and the number of points from the others.
-fn notes(scene: &Scene, found: &[Found], known: &Known, usable: usize, points: usize, unseen: bool) -> Vec<String> {
+/// The deviation of maps that is too large for them to be trained on, or to give points.
+fn apart(evidence: &DepthEvidence) -> Option<f64> {
+    evidence.deviation.filter(|deviation| *deviation > DEPTHS_AGREE)
+}
+
+/// A note on the number of points from maps, and on their scales; `unseen` if no other map shows what one does.
+fn yielded(evidence: &DepthEvidence, scales: &[f64], points: usize, unseen: bool) -> String {
+    let maps = counted(evidence.maps, "depth map");
+    if let Some(apart) = apart(evidence) {
+        let what = match evidence.by {
+            DepthWitness::Points => "the capture's points deviate from them",
+            DepthWitness::Maps => "they deviate from each other",
+        };
+        let [apart, most] = [apart, DEPTHS_AGREE].map(|share| 100.0 * share);
+        return format!("no points from {maps}: {what} by {apart:.1} % of the depth (median), more than {most:.0} %");
+    }
+    let scales = match (scales.first(), scales.last()) {
+        (Some(low), Some(high)) => format!(", scales {low:.3} to {high:.3} by the capture's points"),
+        _ if evidence.by == DepthWitness::Points => String::new(),
+        _ if unseen => ", in world units, which no other photo's map confirms".to_owned(),
+        _ => ", in world units".to_owned(),
+    };
+    format!("{} from {maps}{scales}", counted(points, "point"))
+}
+
+/// Notes for the user: unused maps with reasons, and maps of other numbers than depths.
+fn notes(scene: &Scene, found: &[Found], known: &Known) -> Vec<String> {
     let mut unread: BTreeMap<&str, Names> = BTreeMap::new();
     for f in found {
         if let Err(what) = &f.map {
@@ -159,7 +189,7 @@ fn notes(scene: &Scene, found: &[Found], known: &Known, usable: usize, points: u
             if known.doubted {
                 "near the points, but most maps are not; not used"
             } else {
-                "with other numbers than most (depths, inverse depths or lengths along rays); not used"
+                "with other numbers than most (depths along the axis, inverse depths or lengths along rays); not used"
             },
         ),
         (
@@ -172,18 +202,12 @@ fn notes(scene: &Scene, found: &[Found], known: &Known, usable: usize, points: u
         ),
         (used(Meaning::Inverse), "of inverse depths, converted by the points that each shows"),
         (used(Meaning::Rays), "of lengths along rays, not of depths; used as such"),
+        (used(Meaning::Axis), "of depths along the photo's axis, not of lengths along rays; used as such"),
     ] {
         if count > 0 {
             notes.push(format!("{} {told}", counted(count, "depth map")));
         }
     }
-    let scales = match (known.scales.first(), known.scales.last()) {
-        (Some(low), Some(high)) => format!(", scales {low:.3} to {high:.3} by the capture's points"),
-        _ if known.deviation.is_some() => String::new(),
-        _ if unseen => ", in world units, which no other photo's map confirms".to_owned(),
-        _ => ", in world units".to_owned(),
-    };
-    notes.push(format!("{} from {}{scales}", counted(points, "point"), counted(usable, "depth map")));
     notes
 }
 
@@ -263,7 +287,8 @@ fn seen(view: &View, map: &Map, meaning: Meaning, scale: f64, resize: Resize) ->
     let depth = |n: u32| {
         let pixel = DVec2::new(f64::from(n % camera.width), f64::from(n / camera.width)) + 0.5;
         let ray = source.back * camera.ray(pixel);
-        source.look(map, ray).map_or(0.0, |measured| (measured / source.depth(ray)) as f32)
+        let unit = source.depth(ray);
+        source.look(map, ray).filter(|_| unit > 0.0).map_or(0.0, |measured| (measured / unit) as f32)
     };
     let depths: Arc<[f32]> = (0..camera.width * camera.height).map(depth).collect();
     DepthMap { width: camera.width, height: camera.height, depths, unit: scale }

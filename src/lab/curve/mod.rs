@@ -1,18 +1,19 @@
 //! Quality against bytes: the best files of several formats at several sizes, the loss by each attribute, and another tool's
 //! files.
 
-use super::fit::{Fitted, Fitter, Judge, Target};
-use super::peer::Peer;
-use super::scoring::Scoring;
-use super::views::Views;
-use super::{CompressConfig, Input, model_file, train};
+pub mod peer;
+
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Precision};
-use crate::job::Error;
-use crate::job::records::{Aim, AttributeLoss, CurveRecord, FileRecord};
-use crate::job::session::Session;
+use crate::job::records::{Aim, AttributeLoss, CurveRecord, FileRecord, ModelFile};
+use crate::job::{Error, Session};
 use crate::metrics::{self, Scores};
+use crate::pipeline::compress::fit::{Fitted, Fitter, Judge, Target};
+use crate::pipeline::compress::scoring::Scoring;
+use crate::pipeline::compress::views::Views;
+use crate::pipeline::compress::{CompressConfig, Input, train};
 use crate::pipeline::virtual_views::ALL;
+use peer::Peer;
 use std::path::PathBuf;
 
 /// Number of sizes: that of the smallest whole model, then halves.
@@ -96,7 +97,7 @@ pub fn curve(
         version: env!("CARGO_PKG_VERSION"),
         device: session.device.tuned(),
         protocol: views.protocol(config),
-        input: model_file(path, &model),
+        input: ModelFile::of(path, &model),
         files,
         attributes,
     })

@@ -2,8 +2,7 @@
 
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, RenderMode};
-use crate::job::session::Session;
-use crate::job::{Error, Stage};
+use crate::job::{Error, Session, Stage};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -55,8 +54,7 @@ impl Peer {
         formats::write(&whole, model, mode).map_err(Error::writing)?;
         let mut files = Vec::new();
         for (done, share) in SHARES.into_iter().enumerate() {
-            session.watcher.progress(Stage::Files, done, SHARES.len());
-            session.watcher.unless_stopped()?;
+            session.watcher.step(Stage::Files, done, SHARES.len())?;
             let failed = |what: &str, words: &str| {
                 session.watcher.note(&format!("{}, {share} %, {what}: {words}", self.name()));
             };

@@ -30,14 +30,16 @@ pub(super) enum Meaning {
     /// Depths along the camera's axis; along rays for photos that are cut into faces.
     #[default]
     Depths,
-    /// Lengths along rays.
+    /// Lengths along rays, of photos that are not cut into faces.
     Rays,
+    /// Depths along the axis of photos that are cut into faces.
+    Axis,
     /// Inverse depths, or disparities: inverse depths of any scale and offset.
     Inverse,
 }
 
 impl Meaning {
-    pub(super) const ALL: [Self; 3] = [Self::Depths, Self::Rays, Self::Inverse];
+    pub(super) const ALL: [Self; 4] = [Self::Depths, Self::Rays, Self::Axis, Self::Inverse];
 }
 
 /// A map's scale.
@@ -70,11 +72,16 @@ impl Source {
     /// The photo at the size of its map.
     pub fn new(view: &View, map: &Map, meaning: Meaning) -> Self {
         let back = view.face.as_ref().map_or(DMat3::IDENTITY, |face| face.turn.transpose());
-        let along_rays = view.face.is_some() || meaning == Meaning::Rays;
+        let along_rays = match meaning {
+            Meaning::Rays => true,
+            Meaning::Axis => false,
+            Meaning::Depths | Meaning::Inverse => view.face.is_some(),
+        };
         Self { lens: view.lens.resized(map.width, map.height), back, along_rays }
     }
 
-    /// The map's value divided by the depth at `place`, in the photo's camera coordinates.
+    /// The number that a map in world units has for `place`, in the photo's camera coordinates; not positive for what the map
+    /// cannot show.
     pub fn depth(&self, place: DVec3) -> f64 {
         if self.along_rays { place.length() } else { place.z }
     }
@@ -129,41 +136,49 @@ fn line(samples: &[Sample]) -> Option<([f64; 2], f64)> {
     (slope > 0.0 && slope.is_finite()).then_some(([slope, offset], off))
 }
 
-/// Points in a view's map, if the map measures depths, and lengths along rays.
-pub(super) struct Samples([Vec<Sample>; 2]);
+/// Points in a view's map.
+pub(super) struct Samples {
+    /// If the map measures depths.
+    depths: Vec<Sample>,
+    /// If it measures what those of such photos should not: lengths along rays, or depths along the axis of a photo that is cut.
+    others: Vec<Sample>,
+    /// Which of these it is.
+    other: Meaning,
+}
 
 impl Samples {
     /// Samples of the points that lie in the map.
     pub fn of<'a>(view: &View, map: &Map, points: impl Iterator<Item = &'a Point>) -> Self {
-        let [depths, rays] = [Meaning::Depths, Meaning::Rays].map(|meaning| Source::new(view, map, meaning));
-        let mut samples = [Vec::new(), Vec::new()];
+        let other = if view.face.is_some() { Meaning::Axis } else { Meaning::Rays };
+        let [depths, others] = [Meaning::Depths, other].map(|meaning| Source::new(view, map, meaning));
+        let mut samples = Self { depths: Vec::new(), others: Vec::new(), other };
         for point in points {
             let p = depths.back * (view.camera.rotation * point.position + view.camera.translation);
             if let Some(number) = Some(p).filter(|p| depths.depth(*p) > 0.0).and_then(|p| depths.look(map, p)) {
-                samples[0].push(Sample { number, depth: depths.depth(p) });
-                samples[1].push(Sample { number, depth: rays.depth(p) });
+                samples.depths.push(Sample { number, depth: depths.depth(p) });
+                samples.others.extend(Some(others.depth(p)).filter(|d| *d > 0.0).map(|depth| Sample { number, depth }));
             }
         }
-        Self(samples)
+        samples
     }
 
     /// Their number.
     pub fn len(&self) -> usize {
-        self.0[0].len()
+        self.depths.len()
     }
 }
 
 /// Finds what a map's numbers measure from the points in it.
 pub(super) fn fit(mut map: Map, samples: &Samples) -> Fitted {
-    let Samples([by_depth, by_ray]) = samples;
+    let Samples { depths: by_depth, others, other } = samples;
     if by_depth.len() < FEWEST {
         return Fitted { map, meaning: Meaning::Depths, scale: Scale::Unknown };
     }
     let (mut factor, mut off) = scale(by_depth);
     let (mut meaning, most) = (Meaning::Depths, if samples.len() >= TELLING { CLEARLY * off } else { 0.0 });
-    let (by_rays, off_rays) = scale(by_ray);
-    if off_rays < most {
-        (meaning, factor, off) = (Meaning::Rays, by_rays, off_rays);
+    let (by_others, off_others) = scale(others);
+    if off_others < most && others.len() >= TELLING {
+        (meaning, factor, off) = (*other, by_others, off_others);
     }
     // A line may be level: it has to tell more than one depth for all.
     let most = most.min(CLEARLY * level(by_depth)).min(off);

@@ -13,6 +13,8 @@ use num_traits::{AsPrimitive, Bounded};
 use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult};
 
+use crate::scene::unread_depth_map;
+
 /// Steps of 16-bit maps in world units where nothing says them: millimetres, if these are metres.
 const STEP: f64 = 1e-3;
 /// Share of the depth by which neighbouring pixels differ at an edge, where no depth is taken.
@@ -38,12 +40,18 @@ pub struct Map {
     pub sparse: bool,
 }
 
-/// Reads a map: whole numbers in steps of this many world units, thousandths if it is not given; others as they are.
+/// Reads a map, whose numbers are steps of this many world units; if none is given, whole numbers are thousandths, and floats units.
 ///
 /// # Errors
 /// A predicate that names the fault of the file.
 pub fn read(path: &Path, step: Option<f64>) -> Result<Map, String> {
-    of_bytes(&std::fs::read(path).map_err(|e| e.to_string())?, step)
+    let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
+    let is_picture = || image::guess_format(&bytes).is_ok_and(|format| format.reading_enabled());
+    let is_known = bytes.starts_with(EXR) || bytes.starts_with(NPY) || is_picture();
+    match unread_depth_map(path).filter(|_| !is_known) {
+        Some(what) => Err(what),
+        None => of_bytes(&bytes, step),
+    }
 }
 
 /// Reads a map from a file's bytes, see [`read`].
@@ -62,26 +70,27 @@ fn decoded(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
     // The largest whole number of its kind says that nothing was hit.
     let length = |steps: f64, most: f64| if steps < most { (steps * step.unwrap_or(STEP)) as f32 } else { 0.0 };
     if bytes.starts_with(EXR) {
-        return exr(bytes);
+        return Ok(exr(bytes)?.in_units(step));
     }
-    if bytes.starts_with(b"\x93NUMPY") {
-        return npy(bytes, length);
+    if bytes.starts_with(NPY) {
+        return npy(bytes, length, step);
     }
     if let Some(map) = tiff(bytes) {
-        return Ok(map);
+        return Ok(map.in_units(step));
     }
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     let decoded = reader.decode().map_err(|e| format!("cannot be decoded: {e}"))?;
     let (width, height) = (decoded.width(), decoded.height());
-    let depths = match decoded {
+    let floats = match decoded {
         DynamicImage::ImageLuma16(steps) => {
-            steps.into_raw().into_iter().map(|v| length(v.into(), u16::MAX.into())).collect()
+            let depths = steps.into_raw().into_iter().map(|v| length(v.into(), u16::MAX.into())).collect();
+            return Ok(Map::new(width, height, depths));
         }
         DynamicImage::ImageRgb32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         DynamicImage::ImageRgba32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         _ => return Err("has neither 16 bits nor floats".to_owned()),
     };
-    Ok(Map::new(width, height, depths))
+    Ok(Map::new(width, height, floats).in_units(step))
 }
 
 /// A TIFF with a single 32-bit float channel, which no picture has.
@@ -94,6 +103,8 @@ fn tiff(bytes: &[u8]) -> Option<Map> {
     Some(Map::new(width, height, depths))
 }
 
+/// First bytes of a file of NumPy.
+const NPY: &[u8] = b"\x93NUMPY";
 /// First bytes of an EXR file.
 const EXR: &[u8] = &[0x76, 0x2f, 0x31, 0x01];
 /// Last parts, in lower case, of the names that programs give to the channel of depths; colours have the same depth in each.
@@ -125,7 +136,7 @@ fn exr(bytes: &[u8]) -> Result<Map, String> {
     Ok(Map::new(side(size.0), side(size.1), channel.sample_data.values_as_f32().collect()))
 }
 
-fn npy(bytes: &[u8], length: impl Fn(f64, f64) -> f32) -> Result<Map, String> {
+fn npy(bytes: &[u8], length: impl Fn(f64, f64) -> f32, step: Option<f64>) -> Result<Map, String> {
     let npy = NpyFile::new(bytes).map_err(|e| format!("cannot be read: {e}"))?;
     let (height, width) = match *npy.shape() {
         [h, w] | [h, w, 1] | [1, h, w] => (h, w),
@@ -137,6 +148,7 @@ fn npy(bytes: &[u8], length: impl Fn(f64, f64) -> f32) -> Result<Map, String> {
     }
     let by_columns = npy.order() == npyz::Order::Fortran;
     let DType::Plain(kind) = npy.dtype() else { return Err("has records".to_owned()) };
+    let is_float = matches!(kind.type_char(), TypeChar::Float);
     let cut = |e: io::Error| format!("is cut short: {e}");
     let depths: Vec<f32> = match (kind.type_char(), kind.num_bytes()) {
         (TypeChar::Float, Some(4)) => npy.into_vec::<f32>().map_err(cut)?,
@@ -153,7 +165,8 @@ fn npy(bytes: &[u8], length: impl Fn(f64, f64) -> f32) -> Result<Map, String> {
     let (width, height) = (width as usize, height as usize);
     let at = |i: usize| depths[i % width * height + i / width];
     let depths = if by_columns { (0..depths.len()).map(at).collect() } else { depths };
-    Ok(Map::new(width as u32, height as u32, depths))
+    let map = Map::new(width as u32, height as u32, depths);
+    Ok(if is_float { map.in_units(step) } else { map })
 }
 
 /// Lengths of whole numbers, the largest of which says that nothing was hit.
@@ -169,6 +182,15 @@ impl Map {
     /// A map as it was decoded.
     fn new(width: u32, height: u32, depths: Vec<f32>) -> Self {
         Self { width, height, depths, sparse: false }
+    }
+
+    /// A map of floats in world units, of which each number is a step of so many, if that is given.
+    fn in_units(mut self, step: Option<f64>) -> Self {
+        if let Some(step) = step {
+            self.drop_nothing();
+            self.depths.iter_mut().for_each(|depth| *depth = (f64::from(*depth) * step) as f32);
+        }
+        self
     }
 
     /// The depth of a pixel, and those left, right, above and below of it, or its own at the border.
@@ -190,11 +212,15 @@ impl Map {
         counts[0] > counts[1]
     }
 
-    /// Removes the background, which renderers write as the largest number of a half, as a billion or more, or as a plateau at exactly the
-    /// largest depth, far behind all others.
-    fn drop_background(&mut self) {
+    /// Removes the numbers by which renderers say that nothing was hit: the largest of a half, and a billion or more.
+    fn drop_nothing(&mut self) {
         let largest_half = f16::MAX.to_f32();
         self.depths.iter_mut().filter(|d| **d >= NOTHING || **d == largest_half).for_each(|d| *d = 0.0);
+    }
+
+    /// Removes the background, which renderers write as such a number, or as a plateau at exactly the largest depth, far behind all others.
+    fn drop_background(&mut self) {
+        self.drop_nothing();
         let most = self.depths.iter().copied().filter(|d| d.is_finite()).fold(0.0, f32::max);
         let (mut count, mut next) = (0_usize, 0.0_f32);
         for depth in &self.depths {
