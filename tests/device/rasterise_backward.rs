@@ -236,6 +236,9 @@ fn stacks_of_layers_alike() {
     for logit in [-5.4, -5.0, -4.0, -3.0, -1.0, 1.0] {
         for count in [10, 100, 1000, 10_000] {
             for (alike, stop) in [(true, TRANSMITTANCE_STOP), (false, TRANSMITTANCE_STOP), (true, 0.0)] {
+                if stop > 0.0 && logit > -4.5 && count > 1000 {
+                    continue; // a pixel stops within the first thousand
+                }
                 let (error, drawn) = layers(&device, count, logit, alike, stop);
                 let allowed = 8.0 + (drawn as f64).sqrt();
                 println!(

@@ -70,6 +70,12 @@ impl Sandbox {
         self.run(arguments).with(0, &[])
     }
 
+    /// Converts a model without measuring the loss, for which many pictures are drawn: there is no such device.
+    #[track_caller]
+    pub(super) fn converts(&self, arguments: &[&str]) -> Ended {
+        self.works(&[&["convert", "--device", "no such device"], arguments].concat())
+    }
+
     /// Every file with its content.
     pub(super) fn content(&self) -> Vec<(PathBuf, Vec<u8>)> {
         content(self.folder.path())

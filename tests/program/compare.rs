@@ -17,7 +17,7 @@ fn methods_end_at_equal_counts() {
     let scene = scene(folder.path());
     let more = ["--arms", "pop,gns,mcmc,compact3dgs,maskgaussian", "--keep", "0.3"];
     let out = folder.path().join("compared");
-    let record = compared(&scene, &out, "160", &more);
+    let record = compared(&scene, &out, "120", &more);
     let kept = (record["gaussians"].as_u64().unwrap() * 3 + 5) / 10;
     let arms = record["arms"].as_array().unwrap();
     assert!(
@@ -28,12 +28,12 @@ fn methods_end_at_equal_counts() {
         let prunes = arms[arm]["prunes"].as_array().unwrap().iter();
         prunes.map(|p| (p["selector"].as_str().unwrap(), p["iteration"].as_u64().unwrap())).collect()
     };
-    assert_eq!(selectors(0), [("change", 80), ("change", 107)]);
+    assert_eq!(selectors(0), [("change", 60), ("change", 80)]);
     assert!(selectors(1).len() == 1 && selectors(1)[0].0 == "opacity" && (2..5).all(|arm| selectors(arm).is_empty()));
     for arm in &arms[3..] {
         let cut = &arm["cut"];
         let number = |field: &str| cut[field].as_u64().unwrap();
-        assert_eq!((number("iteration"), number("after")), (120, kept), "{arm}");
+        assert_eq!((number("iteration"), number("after")), (90, kept), "{arm}");
         assert!(number("before") >= number("after") && number("shown") <= number("before"), "{cut}");
     }
     assert!(arms[..3].iter().all(|arm| arm.get("cut").is_none()));

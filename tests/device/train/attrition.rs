@@ -77,11 +77,12 @@ fn finish_contest(trainer: &mut Trainer, pause: Option<u32>) -> (Vec<u32>, usize
         }
         trainer.advance(pause.unwrap_or(c.last).max(trainer.iteration() + 1).min(c.last)).unwrap();
     }
-    let (left, kept) = (trainer.len(), trainer.attrition().unwrap().survivors);
+    let c = *trainer.attrition().unwrap();
+    let (left, kept) = (trainer.len(), c.survivors);
     trainer.keep(&(0..left).map(|i| i < kept).collect::<Vec<_>>(), None).unwrap();
     trainer.end_attrition();
     trainer.rewarm().unwrap();
-    train(trainer, contested().schedule.iterations);
+    train(trainer, c.length);
     (bits(&trainer.download().unwrap()), left)
 }
 
@@ -91,8 +92,9 @@ fn finish_contest(trainer: &mut Trainer, pause: Option<u32>) -> (Vec<u32>, usize
 fn it_resumes_to_the_same_bytes() {
     let device = device();
     let mut whole = trainer(&device, contested());
+    train(&mut whole, BEGUN);
+    let mut first = resumed(&device, &whole.snapshot().unwrap(), contested());
     let (right, left) = contest(&mut whole, 60, None);
-    let mut first = trainer(&device, contested());
     contest(&mut first, 60, Some(BEGUN + 18));
     let snapshot = first.snapshot().unwrap();
     let before = snapshot.state.attrition.unwrap().before;
@@ -144,9 +146,11 @@ fn hard_models_end_with_the_survivors() {
     let n = equal.len();
     for (model, survivors, expected) in [(&equal, 40, 40), (&broken, 40, 40), (&broken, n, n), (&equal, n + 5, n)] {
         let mut options = contested();
-        options.schedule.densify_until = 0.0;
+        (options.schedule.densify_until, options.schedule.iterations) = (0.0, 40);
         let mut trainer = Trainer::new(&device, model, c.train.clone(), c.extent, options).unwrap();
-        let (_, left) = contest(&mut trainer, survivors, None);
+        train(&mut trainer, 10);
+        trainer.begin_attrition(ATTRITION, survivors).unwrap();
+        let (_, left) = finish_contest(&mut trainer, None);
         assert!(left >= survivors.min(n), "{left} of {n} left, {survivors} asked for");
         assert_eq!(trainer.len(), expected, "{survivors} of {n}");
         let model = trainer.download().unwrap();

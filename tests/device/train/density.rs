@@ -232,6 +232,9 @@ pub fn any_gradients(device: &Device) {
     model.opacity_logits.fill(0.0);
     for gradient in [0.0, -1.0, 2e-4] {
         for sum in [0.0, 1e-30, 1.0, 1e30, f32::INFINITY, f32::NAN] {
+            if gradient < 0.0 && sum > 1.0 {
+                continue; // from the second of hundreds of rounds on as with 0
+            }
             let schedule = Schedule { densify_gradient: gradient, ..Schedule::default() };
             let mut held = held(device, &model, &vec![[sum, 2.0]; 64]);
             let after = densify(device, &mut held, &schedule, Step { most: 100, ..STEP }).unwrap();

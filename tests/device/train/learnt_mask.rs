@@ -253,9 +253,9 @@ fn what_is_not_finite_stays_where_it_is() {
     finish(&device);
 }
 
-fn masked(device: &Device, method: MaskMethod, survivors: usize) -> Arc<dyn Method> {
-    // A weight so large that most are masked within the hundred iterations.
-    let settings = LearntMasks { weight: 0.15, rate: 0.3, ..LearntMasks::of(method, survivors, 110) };
+fn masked(device: &Device, method: MaskMethod, survivors: usize, iterations: u32) -> Arc<dyn Method> {
+    // A weight so large that most are masked within a hundred iterations.
+    let settings = LearntMasks { weight: 0.15, rate: 0.3, ..LearntMasks::of(method, survivors, iterations) };
     Arc::new(LearntMask::new(device, settings).unwrap())
 }
 
@@ -266,7 +266,7 @@ fn masked_runs_end_with_the_same_bytes() {
     let (device, c) = (device(), capture());
     let survivors = c.start.len() / 3;
     for method in METHODS {
-        let with = |options: Options| Options { method: Some(masked(&device, method, survivors)), ..options };
+        let with = |options: Options| Options { method: Some(masked(&device, method, survivors, 110)), ..options };
         let mut whole = trainer(&device, with(options()));
         let kernels = |t: &mut Trainer| {
             let all = t.recording().unwrap().kernels();
@@ -297,10 +297,10 @@ fn nothing_to_mask() {
         [0, 5].into_iter().flat_map(|n| METHODS.map(|m| (c.start.select(&(0..n).collect::<Vec<_>>()), m)))
     {
         let never = c.start.len() as u32;
-        let schedule = Schedule { densify_every: never, prune_opacity: 0.0, ..options().schedule };
-        let options = Options { schedule, method: Some(masked(&device, method, 50)), ..options() };
+        let schedule = Schedule { iterations: 40, densify_every: never, prune_opacity: 0.0, ..options().schedule };
+        let options = Options { schedule, method: Some(masked(&device, method, 50, 40)), ..options() };
         let mut trainer = Trainer::new(&device, &start, c.train.clone(), c.extent, options).unwrap();
-        train(&mut trainer, 110);
+        train(&mut trainer, 40);
         assert_eq!((trainer.len(), trainer.cut().unwrap().after), (start.len(), start.len()));
     }
     finish(&device);

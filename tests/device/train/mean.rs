@@ -20,10 +20,14 @@ fn the_result_is_the_mean_of_the_last_iterates() {
     let device = device();
     // Iterations 100 to 110.
     let mut whole = trainer(&device, averaging(0.9));
+    let [before, within] = [99, 105].map(|at| {
+        train(&mut whole, at);
+        whole.snapshot().unwrap()
+    });
     train(&mut whole, LAST);
     let mean = whole.download().unwrap();
 
-    let mut plain = trainer(&device, averaging(1.0));
+    let mut plain = resumed(&device, &before, averaging(1.0));
     let iterates: Vec<Gaussians> = (100..=LAST)
         .map(|iteration| {
             train(&mut plain, iteration);
@@ -41,14 +45,11 @@ fn the_result_is_the_mean_of_the_last_iterates() {
     let last = iterates.last().unwrap();
     assert!(mean.means != last.means && mean.means[mean.len() - TAIL..] == last.means[mean.len() - TAIL..]);
 
-    for at in [99, 105] {
-        let mut first = trainer(&device, averaging(0.9));
-        train(&mut first, at);
-        let snapshot = first.snapshot().unwrap();
+    for snapshot in [before, within] {
         let mut second = resumed(&device, &snapshot, averaging(0.9));
         assert_eq!(second.snapshot().unwrap().mean, snapshot.mean);
         train(&mut second, LAST);
-        assert!(bits(&second.download().unwrap()) == bits(&mean), "resumed after {at}");
+        assert!(bits(&second.download().unwrap()) == bits(&mean), "resumed after {}", snapshot.iteration);
     }
     finish(&device);
 }
@@ -57,12 +58,19 @@ fn the_result_is_the_mean_of_the_last_iterates() {
 #[test]
 fn other_changes_begin_it_anew() {
     let device = device();
-    let begins = |change: &dyn Fn(&mut Schedule), first: u32| {
+    let changed = |change: &dyn Fn(&mut Schedule)| {
         let mut options = averaging(0.8);
-        options.schedule.densify_until = 1.0;
+        (options.schedule.densify_until, options.schedule.degree_every) = (1.0, 2.0);
         (options.schedule.densify_every, options.schedule.opacity_reset_every) = (1000, 1000);
         change(&mut options.schedule);
-        let mut trainer = trainer(&device, options);
+        options
+    };
+    // Until the mean begins, the runs are one.
+    let mut common = trainer(&device, changed(&|_| ()));
+    train(&mut common, 88);
+    let common = common.snapshot().unwrap();
+    let begins = |change: &dyn Fn(&mut Schedule), first: u32| {
+        let mut trainer = resumed(&device, &common, changed(change));
         train(&mut trainer, LAST - 2);
         // Every second iterate from 90 on.
         let mean = trainer.snapshot().unwrap().mean.expect("a mean");

@@ -1,21 +1,35 @@
 //! Pruning a model in training: responses, the choice, and the remaining Gaussians.
 
-use super::runs::{bits, options, resumed, train, trainer};
+use super::runs::{bits, capture, options, resumed, train, trainer};
 use crate::support::{device, finish};
+use qirf_vk::gpu::Device;
 use qirf_vk::job::config::PruneRule;
 use qirf_vk::pipeline::prune::{PruneRequest, prune_by};
 use qirf_vk::qirf::select::Selector;
 use qirf_vk::qirf::select::budget::{Budget, Keep};
 use qirf_vk::qirf::study::{Basis, Observed, Study};
 use qirf_vk::response::{Responses, Wanted};
-use qirf_vk::train::Options;
+use qirf_vk::train::checkpoint::Snapshot;
+use qirf_vk::train::{Options, Trainer};
+use std::sync::OnceLock;
+
+/// A run after 60 iterations, which are done once.
+fn after_60(device: &Device, options: Options) -> Trainer {
+    static DONE: OnceLock<Snapshot> = OnceLock::new();
+    let done = DONE.get_or_init(|| {
+        let mut run = trainer(device, super::runs::options());
+        train(&mut run, 60);
+        run.snapshot().unwrap()
+    });
+    let c = capture();
+    Trainer::resume(device, done, c.train.clone(), c.extent, options).unwrap()
+}
 
 /// The pass over the views changes nothing, and gives the same results every time.
 #[test]
 fn responses_change_nothing() {
     let device = device();
-    let (mut one, mut other) = (trainer(&device, options()), trainer(&device, Options { pairs: 64, ..options() }));
-    train(&mut one, 60);
+    let (mut one, mut other) = (after_60(&device, options()), trainer(&device, Options { pairs: 64, ..options() }));
     train(&mut other, 60);
     let before = one.snapshot().unwrap();
     let responses = one.responses(Wanted::BOTH).unwrap();
@@ -35,8 +49,7 @@ fn responses_change_nothing() {
 #[test]
 fn the_kept_go_on_as_they_were() {
     let device = device();
-    let mut trainer = trainer(&device, options());
-    train(&mut trainer, 60);
+    let mut trainer = after_60(&device, options());
     let before = trainer.snapshot().unwrap();
     let keep: Vec<bool> = (0..trainer.len()).map(|i| i % 3 == 1).collect();
     let kept: Vec<usize> = (0..trainer.len()).filter(|i| keep[*i]).collect();
@@ -58,8 +71,7 @@ fn the_kept_go_on_as_they_were() {
 #[test]
 fn counts_are_exact() {
     let device = device();
-    let mut trained = trainer(&device, options());
-    train(&mut trained, 60);
+    let mut trained = after_60(&device, options());
     let responses = trained.responses(Wanted { residual: true, ..Wanted::BOTH }).unwrap();
     let model = trained.download().unwrap();
     let selectors: Vec<Selector> = Selector::ALL.into_iter().filter(|s| *s != Selector::Pairs).collect();
@@ -92,8 +104,7 @@ fn pairs_train_on() {
     let device = device();
     let mut ends = Vec::new();
     for _ in 0..2 {
-        let mut trainer = trainer(&device, options());
-        train(&mut trainer, 60);
+        let mut trainer = after_60(&device, options());
         let before = trainer.download().unwrap();
         let responses = trainer.responses(Wanted::SCORES).unwrap();
         assert!(responses.channels.is_empty());
@@ -121,7 +132,7 @@ fn pairs_train_on() {
 fn averages_survive_a_checkpoint() {
     let device = device();
     let averaging = || Options { averaged: 79..101, ..options() };
-    let mut whole = trainer(&device, averaging());
+    let mut whole = after_60(&device, averaging());
     train(&mut whole, 78);
     assert!(whole.averages().unwrap().is_none());
     train(&mut whole, 90);

@@ -96,16 +96,16 @@ fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     let mut start = c.start.clone();
     start.log_scales.iter_mut().flatten().for_each(|s| *s -= 4.0); // thinner than any photo resolves
     let trainer = |options: Options| Trainer::new(&device, &start, c.train.clone(), c.extent, options).unwrap();
-    let run = |options: Options| {
+    let run = |options: Options, until: u32| {
         let mut trainer = trainer(options);
-        train(&mut trainer, last);
+        train(&mut trainer, until);
         trainer
     };
-    let whole = run(antialiased());
+    let whole = run(antialiased(), last);
     let cameras: Vec<Camera> = c.train.iter().map(|v| v.camera.clone()).collect();
     let near = Settings::default().near;
     let least = |trainer: &Trainer| thinnest(&trainer.download().unwrap(), &cameras, near);
-    let (on, off) = (least(&whole), least(&run(options())));
+    let (on, off) = (least(&whole), least(&run(options(), 40)));
     println!("least scale over its bound: {on:?} with smoothing, {off:?} without");
     assert!(on.0 > 1.0 - 1e-4 && on.1 > 50, "{on:?}");
     assert!(off.0 < 0.9, "the scene has Gaussians that need smoothing: {off:?}");

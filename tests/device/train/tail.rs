@@ -17,6 +17,8 @@ use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer};
 
 const TAIL: usize = 40;
+/// After density steps at 20, 40 and 60, an opacity reset at 50, and bands added at 33 and 66.
+const ACTED: u32 = 70;
 
 /// A run on the capture's model, whose last `TAIL` rows are the tail.
 fn trainer(device: &Device, options: Options) -> Trainer {
@@ -42,7 +44,7 @@ fn the_tail_never_changes() {
     let start = &capture().start;
     for growth in [None, Some(Growth { gaussians: Some(400), ..Growth::default() })] {
         let mut trainer = trainer(&device, growing(growth));
-        train(&mut trainer, 110);
+        train(&mut trainer, ACTED);
         let model = trainer.download().unwrap();
         let ((before, _), (after, trained)) = (tail(start), tail(&model));
         assert!(trained != start.len() - TAIL && trained == trainer.trained(), "{trained}");
@@ -81,8 +83,8 @@ fn an_invisible_tail_changes_nothing() {
         let mut alone = Trainer::new(&device, &c.start, c.train.clone(), c.extent, plain.clone()).unwrap();
         let with = Options { tail: TAIL, ..plain };
         let mut tailed = Trainer::new(&device, &both, c.train.clone(), c.extent, with).unwrap();
-        train(&mut alone, 110);
-        train(&mut tailed, 110);
+        train(&mut alone, ACTED);
+        train(&mut tailed, ACTED);
         let (alone, tailed) = (alone.download().unwrap(), tailed.download().unwrap());
         let first = tailed.select(&(0..tailed.len() - TAIL).collect::<Vec<_>>());
         assert!(bits(&first) == bits(&alone), "{growth:?}: {} and {}", first.len(), alone.len());
@@ -156,12 +158,12 @@ fn a_tail_is_resumed() {
     let mut whole = trainer(&device, options());
     train(&mut whole, 30);
     whole.snapshot().unwrap().write(&path).unwrap();
-    train(&mut whole, 110);
+    train(&mut whole, ACTED);
     let snapshot = Snapshot::read(&path).unwrap();
     assert_eq!(snapshot.tail, TAIL);
     let mut resumed = Trainer::resume(&device, &snapshot, c.train.clone(), c.extent, options()).unwrap();
     assert_eq!(resumed.trained(), snapshot.model.len() - TAIL);
-    train(&mut resumed, 110);
+    train(&mut resumed, ACTED);
     assert!(bits(&resumed.download().unwrap()) == bits(&whole.download().unwrap()));
     finish(&device);
 }

@@ -4,18 +4,21 @@ use super::session::Viewer;
 use super::{beside, counted_from, rendered, scene, viewer};
 use crate::program::ended::{qirf, works};
 use crate::support::browser::Browser;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
 /// The still picture that belongs to the last request is on the canvas.
 const RESTED: &str = "viewer.frame?.lossless && viewer.stillAsked && viewer.received === viewer.sent";
-/// Red, green, blue of every pixel of the canvas.
+/// Red, green, blue of every pixel of the canvas, in base64.
 const PIXELS: &str = "(() => { const { width: w, height: h } = document.getElementById('picture'); \
     const context = new OffscreenCanvas(w, h).getContext('2d', { willReadFrequently: true }); \
     context.drawImage(document.getElementById('picture'), 0, 0); \
-    return [...context.getImageData(0, 0, w, h).data].filter((_, i) => i % 4 < 3) })()";
+    const data = context.getImageData(0, 0, w, h).data.filter((_, i) => i % 4 < 3); \
+    return btoa(Array.from(data, (v) => String.fromCharCode(v)).join('')) })()";
 
 fn bytes(value: &Value) -> Vec<u8> {
-    value.as_array().unwrap().iter().map(|v| v.as_u64().unwrap() as u8).collect()
+    STANDARD.decode(value.as_str().unwrap()).unwrap()
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
@@ -347,7 +350,5 @@ fn picture_of_the_page() {
     page.value("viewer.camera.look(0, 0)");
     page.until(RESTED);
     let shot = page.call("Page.captureScreenshot", &json!({ "format": "jpeg", "quality": 85 }));
-    let bytes =
-        base64::Engine::decode(&base64::engine::general_purpose::STANDARD, shot["data"].as_str().unwrap()).unwrap();
-    std::fs::write(file, bytes).unwrap();
+    std::fs::write(file, bytes(&shot["data"])).unwrap();
 }
