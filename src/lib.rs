@@ -89,6 +89,8 @@ pub mod train;
 #[doc(hidden)]
 pub mod wording;
 
+#[cfg(feature = "pipeline")]
+pub mod aim;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

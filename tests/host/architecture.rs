@@ -18,6 +18,7 @@ const FLOORS: &[&[&str]] = &[
     &["edit", "qirf", "train"],
     &["reference"],
     &["job"],
+    &["aim"],
     &["pipeline"],
     &["pose", "report", "selftest", "shard", "view"],
     &["lab"],

@@ -1,9 +1,9 @@
 //! Search for a model's file of a given size or PSNR: the model is scored and merged once, and written as often as the search
 //! needs.
 
-use super::aim::{Found, Search, Trials};
 use super::config::CompressConfig;
 use super::views::Views;
+use crate::aim::{Found, Search, Trials};
 use crate::gaussians::formats::{self, Ladder, Precision, RenderMode, SpzVersion};
 use crate::gaussians::{self, Gaussians};
 use crate::job::records::{Aim, AimRecord, Truth};

@@ -1,6 +1,5 @@
 //! `qirf-vk compress`: reduction of an existing model.
 
-pub mod aim;
 mod config;
 pub mod cost;
 pub mod fit;
