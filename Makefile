@@ -1,7 +1,7 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
 .PHONY: help setup run viewer-picture viewer-speed test test-quick effects faults floaters soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
-	gpu-report devices msl python-test cluster-test slurm-test
+	gpu-kit gpu-kit-folder gpu-report devices msl python-test cluster-test slurm-test
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -109,26 +109,59 @@ shaders: $(SPIRV) ## compare glsl/spirv with its sources; check every shader wit
 	@$(SPIRV) --check
 	@tools/check-shaders
 
-# The folder of programs, target/gpu-report-kit, can be copied to a machine without cargo: run gpu-report in it.
-KIT := target/gpu-report-kit
+# Programs and data to measure a device with, and to measure it elsewhere: tools/gpu-report. COMPARE: an earlier report's folder, whose times of
+# training stand beside the new ones. SCENES: captures that are trained besides. MODULES: folders of modules (QIRF_SHADERS) that are measured
+# beside the program's own. Libraries in fallback and layers are for machines without them.
+KIT := target/gpu-kit
+KIT_MIB := 60
 MINUTES ?= 8
-gpu-report: setup ## measure this machine's device, and write a folder to attach to an issue; MINUTES=8, COMPARE=folder of an earlier report
+SCENES ?=
+MODULES ?=
+KIT_PROGRAMS := cargo bench --locked --bench engine --bench training --no-run
+KIT_TESTS := cargo test --release --locked --test device --no-run
+LOADER := libvulkan.so.1
+# What NVIDIA's driver loads.
+LOADED := libGLdispatch.so.0 libX11.so.6 libXext.so.6 libxcb.so.1 libXau.so.6 libXdmcp.so.6 libbsd.so.0 libmd.so.0
+LAYER := VkLayer_khronos_validation
+LIBRARIES_HERE := PATH="$$PATH:/usr/sbin:/sbin" ldconfig -p
+
+gpu-kit-folder: setup
 	cargo build --release --locked
-	cargo bench --locked --bench engine --bench training --no-run
-	cargo test --release --locked --test device --no-run
-	rm -rf "$(KIT)" && mkdir -p "$(KIT)/source/tests" "$(KIT)/source/glsl" "$(KIT)/source/tools"
+	$(KIT_PROGRAMS)
+	$(KIT_TESTS)
+	rm -rf "$(KIT)" "$(KIT).tar.xz"
+	for part in lib fallback layers modules scenes source/tests source/glsl source/tools; do mkdir -p "$(KIT)/$$part"; done
 	cp tools/gpu-report "$(KIT)"
+	@# engine, training and device, without the hashes of their names
+	for make in "$(KIT_PROGRAMS)" "$(KIT_TESTS)"; do $$make --message-format json 2>/dev/null; done | \
+	  sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | while read -r program; do \
+	    name=$$(basename "$$program"); strip -o "$(KIT)/$${name%-????????????????}" "$$program" || exit 1; done
 	strip -o "$(KIT)/qirf-vk" target/release/qirf-vk
-	strip -o "$(KIT)/bench" "$$(ls -t target/release/deps/engine-* | grep -v '\.d$$' | head -n 1)"
-	strip -o "$(KIT)/training" "$$(ls -t target/release/deps/training-* | grep -v '\.d$$' | head -n 1)"
-	strip -o "$(KIT)/device-tests" "$$(ls -t target/release/deps/device-* | grep -v '\.d$$' | head -n 1)"
+	@for program in qirf-vk engine training device; do [ -x "$(KIT)/$$program" ] || { echo "gpu-kit: $$program was not built" >&2; exit 1; }; done
 	cp -r tests/golden "$(KIT)/source/tests"
 	cp -r glsl/spirv "$(KIT)/source/glsl"
 	cp -r tools/examples "$(KIT)/source/tools"
-	mkdir "$(KIT)/lib"
 	ldd target/release/qirf-vk | awk '/openblas|gfortran|quadmath/ {print $$3}' | xargs -r cp -L -t "$(KIT)/lib"
+	for name in $(LOADER) $(LOADED); do \
+	  $(LIBRARIES_HERE) | awk -v name=$$name '$$1 == name {print $$NF; exit}' | xargs -r cp -L -t "$(KIT)/fallback"; done
+	$(LIBRARIES_HERE) | awk '$$1 == "lib$(LAYER).so" {print $$NF; exit}' | xargs -r cp -L -t "$(KIT)/layers"
+	@for part in fallback/$(LOADER) layers/lib$(LAYER).so; do [ -f "$(KIT)/$$part" ] || { echo "gpu-kit: no $$part here: run tools/setup" >&2; exit 1; }; done
+	manifest=$$(find /usr/share/vulkan /etc/vulkan -name $(LAYER).json 2>/dev/null | head -n 1); \
+	  [ -n "$$manifest" ] || { echo "gpu-kit: no $(LAYER).json here: run tools/setup" >&2; exit 1; }; \
+	  sed 's|\("library_path": *\)"[^"]*"|\1"./lib$(LAYER).so"|' "$$manifest" >"$(KIT)/layers/$(LAYER).json"
+	for folder in $(SCENES); do cp -rL "$$folder" "$(KIT)/scenes" || exit 1; done
+	for folder in $(MODULES); do cp -rL "$$folder" "$(KIT)/modules" || exit 1; done
+	$(if $(COMPARE),cp "$(COMPARE)/training.json" "$(KIT)/earlier.json")
+
+gpu-kit: gpu-kit-folder ## pack what measures a GPU into one archive, for a machine without cargo; SCENES=, MODULES=folders, COMPARE=folder of an earlier report
+	XZ_OPT=-T0 tar -C "$(dir $(KIT))" -cJf "$(KIT).tar.xz" "$(notdir $(KIT))"
+	@bytes=$$(stat -c %s "$(KIT).tar.xz"); [ "$$bytes" -lt $$(($(KIT_MIB) << 20)) ] || { \
+	  echo "gpu-kit: $(KIT).tar.xz has $$((bytes >> 20)) MiB, and no more than $(KIT_MIB) may be: leave scenes or modules out" >&2; exit 1; }; \
+	  echo "$(KIT).tar.xz: $$((bytes >> 20)) MiB. Unpack it on the other machine, and run $(notdir $(KIT))/gpu-report."
+
+gpu-report: gpu-kit-folder ## measure this machine's device, and write a folder to attach to an issue; MINUTES=8, and as gpu-kit
 	rm -rf target/gpu-report
-	"$(KIT)/gpu-report" -o target/gpu-report -m "$(MINUTES)" $(if $(COMPARE),-c "$(COMPARE)")
+	"$(KIT)/gpu-report" -o target/gpu-report -m "$(MINUTES)"
 
 # Groups are named after stages. Results, and how they were measured: docs/performance.md.
 bench: ## benchmark every stage on this machine's Vulkan device; BENCH=group for one group

@@ -13,6 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __version__: str
+__all__ = [
+    "__version__", "DeviceError", "Model", "Device", "Camera", "Renderer", "Run", "merge",
+    "train", "compress", "evaluate", "orbit", "_model", "_camera",
+]
 
 _Path = Union[str, PathLike[str]]
 _Vector = Union[Sequence[float], NDArray[Any]]
@@ -32,7 +36,7 @@ class Device:
     memory_limit: limit on the bytes in use; by default the free memory of a GPU. Raises DeviceError.
     """
 
-    def __init__(self, name: Union[int, str, None] = None, *, memory_limit: Optional[int] = None) -> None: ...
+    def __new__(cls, name: Union[int, str, None] = None, *, memory_limit: Optional[int] = None) -> Device: ...
 
     @staticmethod
     def list() -> list[str]:
@@ -73,7 +77,8 @@ class Model:
         antialiased: bool = False,
         origin: _Vector = (0.0, 0.0, 0.0),
     ) -> Model:
-        """Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
+        """Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn. A UserWarning tells of positions that float32
+        rounds far from the origin, such as map coordinates: give means - c with origin=c.
 
         means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
         (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3), as an array or
@@ -160,15 +165,16 @@ class Model:
         self,
         kind: str,
         *,
-        ratio: float = 100.0,
+        ratio: Optional[float] = None,
         scene: Optional[_Path] = None,
         images: Optional[_Path] = None,
         resolution: Optional[_Resolution] = None,
         device: Optional[Device] = None,
     ) -> Model:
-        """Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one; or
-        "floaters", Gaussians in empty space, which the photos of `scene`, in its folder images and at a resolution such as 640 (pixels wide)
-        or "/2", show to be wrong, or without a scene pictures of the model (docs/edit.md). A UserWarning tells of very many floaters.
+        """Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one, 100 by
+        default; or "floaters", Gaussians in empty space, which the photos of `scene`, in its folder images and at a resolution such as 640
+        (pixels wide) or "/2", show to be wrong, or without a scene pictures of the model (docs/edit.md). A UserWarning tells of very many
+        floaters.
         """
 
     def morton_order(self) -> Model:
@@ -190,7 +196,7 @@ class Camera:
     the cameras of `orbit` have one that fits. Cameras can be pickled.
     """
 
-    def __init__(self, K: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None) -> None: ...
+    def __new__(cls, K: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None) -> Camera: ...
 
     @staticmethod
     def look_at(
@@ -247,8 +253,8 @@ class Renderer:
     renderer for many pictures.
     """
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         model: Model,
         device: Optional[Device] = None,
         *,
@@ -256,28 +262,73 @@ class Renderer:
         antialias: Optional[bool] = None,
         dilation: Optional[float] = None,
         depth_order: bool = False,
-    ) -> None: ...
-    @overload
-    def render(self, camera: Camera, *, near: Optional[float] = None) -> NDArray[np.float32]: ...
+    ) -> Renderer: ...
     @overload
     def render(
-        self, K: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None
+        self,
+        camera: Camera,
+        world_to_camera: None = None,
+        size: None = None,
+        *,
+        near: Optional[float] = None,
+        K: None = None,
+    ) -> NDArray[np.float32]: ...
+    @overload
+    def render(
+        self,
+        camera: ArrayLike,
+        world_to_camera: ArrayLike,
+        size: _Size,
+        *,
+        near: Optional[float] = None,
+        K: None = None,
+    ) -> NDArray[np.float32]: ...
+    @overload
+    def render(
+        self,
+        camera: None = None,
+        *,
+        world_to_camera: ArrayLike,
+        size: _Size,
+        near: Optional[float] = None,
+        K: ArrayLike,
     ) -> NDArray[np.float32]:
         """A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose
         (3, 4) or (4, 4), and width and height. The bytes are those of `qirf-vk render --format npy`.
         """
 
     @overload
-    def depth(self, camera: Camera, *, kind: str = "expected", near: Optional[float] = None) -> NDArray[np.float32]: ...
+    def depth(
+        self,
+        camera: Camera,
+        world_to_camera: None = None,
+        size: None = None,
+        *,
+        kind: str = "expected",
+        near: Optional[float] = None,
+        K: None = None,
+    ) -> NDArray[np.float32]: ...
     @overload
     def depth(
         self,
-        K: ArrayLike,
+        camera: ArrayLike,
         world_to_camera: ArrayLike,
         size: _Size,
         *,
         kind: str = "expected",
         near: Optional[float] = None,
+        K: None = None,
+    ) -> NDArray[np.float32]: ...
+    @overload
+    def depth(
+        self,
+        camera: None = None,
+        *,
+        world_to_camera: ArrayLike,
+        size: _Size,
+        kind: str = "expected",
+        near: Optional[float] = None,
+        K: ArrayLike,
     ) -> NDArray[np.float32]:
         """Depths (height, width) along the camera's axis, in world units. kind: "expected", the mean over the Gaussians that a pixel blends,
         with the weights of their colours, infinite where there are none; or "median", the depth at which the transmittance falls to a
@@ -311,6 +362,7 @@ def train(
     output: Optional[_Path] = None,
     device: Optional[Device] = None,
     resume: bool = False,
+    overwrite: bool = False,
     on_step: Optional[_OnStep] = None,
     on_progress: Optional[_OnProgress] = None,
     **options: Any,
@@ -318,7 +370,8 @@ def train(
     """Trains a scene with poses, prunes it, and scores it, as `qirf-vk run` does, with the same bytes.
 
     scene: a folder with COLMAP's, Blender's, instant-ngp's or nerfstudio's cameras and photos. preset: "standard", "quick" or "paper".
-    output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there.
+    output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there. overwrite:
+    replace a finished run there.
 
     on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr if it was measured,
     rates, device_bytes. on_progress gets the stage, the steps done and their total, which never fall within a stage. Both are called in the
@@ -401,3 +454,7 @@ def evaluate(
     "ply_bytes" are those of the .ply that the model makes; the record against another model has "schema", "gaussians" with the numbers of
     "model" and "original", "test" and "views".
     """
+
+# Pickles of models and cameras call these.
+def _model(arrays: tuple[Any, ...], antialiased: bool, origin: tuple[float, float, float]) -> Model: ...
+def _camera(k: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], near: Optional[float]) -> Camera: ...

@@ -17,6 +17,8 @@ mod program {
     mod ended;
     #[cfg(unix)] // limits and signals are the system's
     mod faults;
+    #[cfg(unix)] // with shell scripts in place of programs
+    mod gpu_report;
     mod html;
     mod larger;
     mod planted;

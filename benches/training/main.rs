@@ -2,7 +2,8 @@
 //! one JSON document.
 //!
 //! Nothing moves (`Schedule::still`), so that every iteration of a photo does the same work. Compared variants are
-//! measured in turns.
+//! measured in turns, and each round measures every model before the next begins: a measurement that is stopped has as
+//! many models as possible. What cannot be measured has a row with its `problem` in place of `ms`.
 #![allow(missing_docs)] // as other benchmarks
 
 #[path = "../engine/scenes.rs"]
@@ -18,6 +19,7 @@ use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, STAGES, Trainer};
 use serde_json::{Map, Value, json};
 use std::error::Error;
+use std::fs;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -52,6 +54,9 @@ struct Arguments {
     /// The document of an earlier measurement: its times stand beside these.
     #[arg(long)]
     compare: Option<PathBuf>,
+    /// File of the document, rewritten after each row; else the document is printed in the end.
+    #[arg(long)]
+    output: Option<PathBuf>,
     /// Given by cargo.
     #[arg(long, hide = true)]
     bench: bool,
@@ -114,8 +119,14 @@ fn is_cpu(device: &Device) -> bool {
     device.info().kind == DeviceKind::Cpu
 }
 
-/// Milliseconds of an iteration: by stage, their sum, and by the host's clock.
-fn measure(device: &Device, model: &Gaussians, photos: &[Photo], iterations: u32) -> Result<Value, Box<dyn Error>> {
+/// Milliseconds of an iteration on a device of its own: by stage, their sum, and by the host's clock.
+fn measure(
+    options: &DeviceOptions,
+    model: &Gaussians,
+    photos: &[Photo],
+    iterations: u32,
+) -> Result<Value, Box<dyn Error>> {
+    let device = &Device::open(options)?;
     let schedule = Schedule { degree_every: 0.0, half_until: 0.0, ..Schedule::still() };
     let pairs = u32::try_from(4 * model.len())?;
     let options = Options { schedule, degree: model.sh.len() - 1, most: model.len(), pairs, ..Options::default() };
@@ -149,38 +160,81 @@ fn advance(trainer: &mut Trainer, iterations: u32) -> Result<(), Box<dyn Error>>
     Ok(())
 }
 
+/// The document: whole in its file at every moment.
+struct Document {
+    contents: Value,
+    output: Option<PathBuf>,
+    /// Entries with a problem.
+    problems: usize,
+}
+
+impl Document {
+    /// Adds an entry to a list, with what was measured under this key, or with the problem.
+    fn add(
+        &mut self,
+        list: &str,
+        mut entry: Value,
+        (key, measured): (&str, Result<Value, Box<dyn Error>>),
+    ) -> Result<(), Box<dyn Error>> {
+        match measured {
+            Ok(value) => entry[key] = value,
+            Err(problem) => {
+                self.problems += 1;
+                entry["problem"] = json!(problem.to_string());
+            }
+        }
+        eprintln!("{entry}");
+        if let Some(entries) = self.contents[list].as_array_mut() {
+            entries.push(entry);
+        }
+        if let Some(path) = &self.output {
+            formats::write_atomically(path, |out| writeln!(out, "{:#}", self.contents))?;
+        }
+        Ok(())
+    }
+
+    fn rows(&self) -> &[Value] {
+        self.contents["rows"].as_array().map(Vec::as_slice).unwrap_or_default()
+    }
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments = Arguments::parse();
+    let earlier: Option<Value> = match &arguments.compare {
+        Some(path) => Some(serde_json::from_slice(&fs::read(path)?)?),
+        None => None,
+    };
     let variants = arguments.variants()?;
     let device = Device::open(&variants[0].options)?;
     let (photos, models) = (arguments.photos(&device)?, arguments.models(&device)?);
-    let (mut rows, mut counts) = (Vec::new(), Vec::new());
+    let size = photos.first().map(|photo| [photo.camera.width, photo.camera.height]);
+    let contents = json!({
+        "device": device.tuned(), "photos": photos.len(), "size": size, "iterations": arguments.iterations,
+        "counts": [], "rows": [],
+    });
+    let mut document = Document { contents, output: arguments.output.clone(), problems: 0 };
     for (name, model) in &models {
-        let imbalance = imbalance(&device, model, &photos[0])?;
-        eprintln!("{name}: {imbalance}");
-        counts.push(json!({ "model": name, "view": 0, "imbalance": imbalance }));
+        let counts = imbalance(&device, model, &photos[0]);
+        document.add("counts", json!({ "model": name, "view": 0 }), ("imbalance", counts))?;
     }
-    for (name, model) in &models {
-        for round in 0..arguments.rounds {
+    for round in 0..arguments.rounds {
+        for (name, model) in &models {
             for variant in &variants {
-                let device = Device::open(&variant.options)?;
-                let ms = measure(&device, model, &photos, arguments.iterations)?;
-                eprintln!("{name}, {}: {ms}", variant.name);
-                rows.push(json!({ "model": name, "gaussians": model.len(), "variant": variant.name, "round": round, "ms": ms }));
+                let row = json!({ "model": name, "gaussians": model.len(), "variant": variant.name, "round": round });
+                let ms = measure(&variant.options, model, &photos, arguments.iterations);
+                document.add("rows", row, ("ms", ms))?;
             }
         }
     }
-    let size = photos.first().map(|photo| [photo.camera.width, photo.camera.height]);
-    println!(
-        "{:#}",
-        json!({
-            "device": device.tuned(), "photos": photos.len(), "size": size, "iterations": arguments.iterations,
-            "counts": counts, "rows": rows,
-        })
-    );
-    match &arguments.compare {
-        Some(path) => compare(&serde_json::from_slice(&std::fs::read(path)?)?, &rows),
-        None => Ok(()),
+    if document.output.is_none() {
+        println!("{:#}", document.contents);
+    }
+    if let Some(earlier) = &earlier {
+        compare(earlier, document.rows())?;
+    }
+    match document.problems {
+        0 => Ok(()),
+        problems => Err(format!("{problems} measurements failed: their entries say why").into()),
     }
 }
 

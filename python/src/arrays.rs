@@ -1,7 +1,8 @@
 //! NumPy's arrays: views of Rust's memory, and arrays from Python.
 
 use numpy::ndarray::{ArrayView, Dimension};
-use numpy::{PyArray, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{Element, PyArray, PyArrayDescrMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 use serde::Serialize;
@@ -23,13 +24,35 @@ pub unsafe fn borrowed<'py, D: Dimension>(
     Ok(array)
 }
 
-/// Numbers of anything that NumPy makes an array of, in float32, row by row, with their shape.
-pub fn floats(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<usize>, Vec<f32>)> {
-    let numpy = object.py().import("numpy")?;
-    let array = numpy.call_method1("ascontiguousarray", (object, "float32"));
-    let array = array.map_err(|e| named(name, e, object.py()))?;
-    let array: PyReadonlyArrayDyn<'_, f32> = array.extract()?;
+/// Refuses masked entries of a masked array: NumPy's conversions leave out the mask.
+pub fn unmasked(object: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
+    let masked = object.py().import("numpy.ma")?;
+    for test in ["isMaskedArray", "is_masked"] {
+        if !masked.call_method1(test, (object,))?.is_truthy()? {
+            return Ok(());
+        }
+    }
+    Err(wrong(format!("{name} is masked: fill it, or leave out what is masked")))
+}
+
+/// Real numbers of anything that NumPy makes an array of, row by row, with their shape.
+fn numbers<T: Element + Clone>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<usize>, Vec<T>)> {
+    let py = object.py();
+    unmasked(object, name)?;
+    let numpy = py.import("numpy")?;
+    let array = numpy.call_method1("asarray", (object,)).map_err(|e| named(name, e, py))?;
+    if array.cast::<PyUntypedArray>()?.dtype().kind() == b'c' {
+        return Err(PyTypeError::new_err(format!("{name} has complex numbers: give real ones")));
+    }
+    let array = numpy.call_method1("ascontiguousarray", (array, T::get_dtype(py)));
+    let array = array.map_err(|e| named(name, e, py))?;
+    let array: PyReadonlyArrayDyn<'_, T> = array.extract()?;
     Ok((array.shape().to_vec(), array.as_slice()?.to_vec()))
+}
+
+/// Real numbers in float32, row by row, with their shape.
+pub fn floats(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<usize>, Vec<f32>)> {
+    numbers(object, name)
 }
 
 /// A shape as Python writes it.
@@ -48,15 +71,24 @@ pub fn rows<const N: usize>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<V
 
 /// A float64 matrix of R x C numbers.
 pub fn matrix<const R: usize, const C: usize>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<[[f64; C]; R]> {
-    let numpy = object.py().import("numpy")?;
-    let array = numpy.call_method1("ascontiguousarray", (object, "float64"));
-    let array = array.map_err(|e| named(name, e, object.py()))?;
-    let array: PyReadonlyArrayDyn<'_, f64> = array.extract()?;
-    if array.shape() != [R, C] {
-        return Err(wrong(format!("{name} has the shape {}, and should have ({R}, {C})", tuple(array.shape()))));
+    let (shape, numbers) = numbers::<f64>(object, name)?;
+    if shape != [R, C] {
+        return Err(wrong(format!("{name} has the shape {}, and should have ({R}, {C})", tuple(&shape))));
     }
-    let numbers = array.as_slice()?;
     Ok(std::array::from_fn(|r| std::array::from_fn(|c| numbers[r * C + c])))
+}
+
+/// A map of places, (3, 4) or (4, 4), as four rows; the last is 0, 0, 0, 1 where it is left out.
+pub fn four_rows(object: &Bound<'_, PyAny>, name: &str) -> PyResult<[[f64; 4]; 4]> {
+    let (shape, numbers) = numbers::<f64>(object, name)?;
+    if shape != [3, 4] && shape != [4, 4] {
+        return Err(wrong(format!("{name} has the shape {}, and should have (3, 4) or (4, 4)", tuple(&shape))));
+    }
+    let mut rows = [[0.0, 0.0, 0.0, 1.0]; 4];
+    for (row, given) in rows.iter_mut().zip(numbers.as_chunks::<4>().0) {
+        *row = *given;
+    }
+    Ok(rows)
 }
 
 /// Three numbers: a place or a direction.
@@ -108,8 +140,12 @@ pub fn json(options: &Bound<'_, PyDict>) -> PyResult<serde_json::Map<String, ser
     let dumps = py.eval(code, None, None)?;
     let one = |(name, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
         let text = dumps.call1((&value,)).map_err(|e| wrong(format!("{name}={value}: {e}")))?;
-        let value = serde_json::from_str(&text.extract::<String>()?);
-        Ok((name.extract()?, value.map_err(|e| wrong(format!("{name}: {e}")))?))
+        let value = serde_json::from_str::<serde_json::Value>(&text.extract::<String>()?);
+        let value = value.map_err(|e| wrong(format!("{name}: {e}")))?;
+        if value.as_str().is_some_and(|text| text.contains('\0')) {
+            return Err(wrong(format!("{name}={value}: embedded null byte")));
+        }
+        Ok((name.extract()?, value))
     };
     options.iter().map(one).collect()
 }

@@ -1,6 +1,6 @@
 //! Cameras.
 
-use crate::arrays::{matrix, vector};
+use crate::arrays::{four_rows, matrix, vector};
 use crate::errors::{size, views, whole, wrong};
 use crate::fork::detached;
 use crate::model::Model;
@@ -21,7 +21,7 @@ use pyo3::types::{PyDict, PyTuple};
 /// K: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
 /// near: near plane, in world units along the camera's axis; closer Gaussians are not drawn. 0.2 by default, which small models need less of:
 /// the cameras of `orbit` have one that fits. Cameras can be pickled.
-#[pyclass(frozen, module = "qirf_vk")]
+#[pyclass(frozen, weakref, module = "qirf_vk")]
 #[derive(Clone)]
 pub struct Camera {
     pub(crate) inner: camera::Camera,
@@ -39,7 +39,7 @@ impl Camera {
         K: &Bound<'_, PyAny>,
         world_to_camera: &Bound<'_, PyAny>,
         #[pyo3(from_py_with = size)] size: (u32, u32),
-        near: Option<f32>,
+        near: Option<f64>,
     ) -> PyResult<Self> {
         Self::of_matrices(K, world_to_camera, size, near)
     }
@@ -54,7 +54,7 @@ impl Camera {
         #[pyo3(from_py_with = vector::up)] up: [f64; 3],
         fov: f64,
         #[pyo3(from_py_with = size)] size: (u32, u32),
-        near: Option<f32>,
+        near: Option<f64>,
     ) -> PyResult<Self> {
         if !(fov > 0.0 && fov < 180.0) {
             return Err(wrong(format!("a field of view of {fov} degrees: give one above 0 and below 180")));
@@ -130,13 +130,10 @@ impl Camera {
         k: &Bound<'_, PyAny>,
         world_to_camera: &Bound<'_, PyAny>,
         size: (u32, u32),
-        near: Option<f32>,
+        near: Option<f64>,
     ) -> PyResult<Self> {
         let k: [[f64; 3]; 3] = matrix(k, "K")?;
-        let (pose, last): ([[f64; 4]; 3], _) = match matrix::<4, 4>(world_to_camera, "world_to_camera") {
-            Ok([a, b, c, last]) => ([a, b, c], last),
-            Err(_) => (matrix(world_to_camera, "world_to_camera")?, [0.0, 0.0, 0.0, 1.0]),
-        };
+        let [pose @ .., last] = four_rows(world_to_camera, "world_to_camera")?;
         let rows = pose.map(|row| DVec3::new(row[0], row[1], row[2]));
         let rotation = DMat3::from_cols(rows[0], rows[1], rows[2]).transpose();
         let off = rotation * rotation.transpose() - DMat3::IDENTITY;
@@ -165,14 +162,15 @@ impl Camera {
         )
     }
 
-    pub(crate) fn checked(inner: camera::Camera, near: Option<f32>) -> PyResult<Self> {
+    pub(crate) fn checked(inner: camera::Camera, near: Option<f64>) -> PyResult<Self> {
         if !(inner.translation.is_finite() && inner.rotation.is_finite() && inner.principal.is_finite()) {
             return Err(wrong("a camera's place and direction should be finite numbers"));
         }
-        if let Some(near) = near.filter(|near| !(near.is_finite() && *near > 0.0)) {
-            return Err(wrong(format!("near={near}: give a finite distance above 0")));
-        }
-        Ok(Self { inner, near })
+        let narrow = |near: f64| match near as f32 {
+            narrow if narrow > 0.0 && narrow.is_finite() => Ok(narrow),
+            _ => Err(wrong(format!("near={near:?}: give a distance above 0 that float32 holds"))),
+        };
+        Ok(Self { inner, near: near.map(narrow).transpose()? })
     }
 }
 
@@ -182,7 +180,7 @@ pub fn unpickled(
     k: &Bound<'_, PyAny>,
     world_to_camera: &Bound<'_, PyAny>,
     size: (u32, u32),
-    near: Option<f32>,
+    near: Option<f64>,
 ) -> PyResult<Camera> {
     Camera::of_matrices(k, world_to_camera, size, near)
 }
@@ -211,5 +209,5 @@ pub fn orbit(
         let outline = outline(&model, up);
         (near_at(Settings::default().near, outline.framing(&look).distance), outline.cameras(count, &look))
     })?;
-    cameras.into_iter().map(|camera| Camera::checked(camera, Some(near))).collect()
+    cameras.into_iter().map(|camera| Camera::checked(camera, Some(f64::from(near)))).collect()
 }

@@ -3,7 +3,7 @@
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
 use crate::errors::{
-    self, colour, number, share, some_bytes, some_keep, some_picture_size, some_whole, warn, whole, wrong,
+    self, colour, number, share, some_bytes, some_file, some_keep, some_picture_size, some_whole, warn, whole, wrong,
 };
 use crate::model::{Model, in_memory};
 use crate::options::read;
@@ -48,9 +48,9 @@ pub fn compress<'py>(
     #[pyo3(from_py_with = some_whole)] count: Option<i64>,
     #[pyo3(from_py_with = some_bytes)] size: Option<u64>,
     psnr: Option<f64>,
-    output: Option<PathBuf>,
-    scene: Option<PathBuf>,
-    images: Option<PathBuf>,
+    #[pyo3(from_py_with = some_file)] output: Option<PathBuf>,
+    #[pyo3(from_py_with = some_file)] scene: Option<PathBuf>,
+    #[pyo3(from_py_with = some_file)] images: Option<PathBuf>,
     resolution: Option<Resolution>,
     #[pyo3(from_py_with = some_whole)] eval_every: Option<i64>,
     background: Option<[f32; 3]>,

@@ -1,7 +1,7 @@
 //! Devices.
 
 use crate::errors::{number, raised, some_whole};
-use crate::fork::detached;
+use crate::fork::{Kept, detached};
 use engine::gpu::{self, DeviceOptions};
 use engine::job::Error;
 use pyo3::prelude::*;
@@ -9,9 +9,9 @@ use pyo3::prelude::*;
 /// A Vulkan device by its index, a part of its name, "uuid:..." or "pci:..."; by default $QIRF_DEVICE, else the best device.
 ///
 /// memory_limit: limit on the bytes in use; by default the free memory of a GPU. Raises DeviceError.
-#[pyclass(frozen, module = "qirf_vk")]
+#[pyclass(frozen, weakref, module = "qirf_vk")]
 pub struct Device {
-    pub(crate) inner: gpu::Device,
+    inner: Kept<gpu::Device>,
 }
 
 /// A device's index, or a text.
@@ -39,7 +39,7 @@ impl Device {
         let options = DeviceOptions::from_env().map_err(|e| raised(Error::from(e)))?;
         let options = DeviceOptions { device: name.map(|name| name.0).or(options.device), memory_limit, ..options };
         let inner = detached(py, || gpu::Device::open(&options))?.map_err(|e| raised(Error::from(e)))?;
-        Ok(Self { inner })
+        Ok(Self { inner: Kept::new(inner) })
     }
 
     /// Names of all devices, in the order of their indices.
@@ -75,7 +75,7 @@ impl Device {
 /// The device of a job: the one given, else the usual one.
 pub fn or_usual(py: Python<'_>, device: Option<&Bound<'_, Device>>) -> PyResult<gpu::Device> {
     match device {
-        Some(device) => Ok(device.get().inner.clone()),
-        None => Device::new(py, None, None).map(|device| device.inner),
+        Some(device) => Ok(gpu::Device::clone(&device.get().inner)),
+        None => Device::new(py, None, None).map(|device| gpu::Device::clone(&device.inner)),
     }
 }

@@ -1,8 +1,8 @@
 //! Edits: each makes a new model.
 
-use crate::arrays::{Resolution, tuple, vector};
+use crate::arrays::{Resolution, four_rows, tuple, unmasked, vector};
 use crate::device::{Device, or_usual};
-use crate::errors::{given, named, number, raised, warn, whole, wrong};
+use crate::errors::{file, given, number, raised, some_file, warn, whole, wrong};
 use crate::fork::detached;
 use crate::model::Model;
 use crate::photos::Photos;
@@ -79,9 +79,8 @@ impl Model {
     /// Applies a similarity, (3, 4) or (4, 4), and rotates the spherical harmonics accordingly. Like move_by, turn and scale, warns if float32
     /// rounds positions far from the origin.
     fn transform(&self, py: Python<'_>, matrix: &Bound<'_, PyAny>) -> PyResult<Self> {
-        let flat = py.import("numpy")?.call_method1("ravel", (matrix,))?.call_method0("tolist")?;
-        let numbers = flat.extract::<Vec<f64>>().map_err(|e| named("matrix", e, py))?;
-        self.transformed(py, Similarity::of_matrix(&numbers))
+        let rows = four_rows(matrix, "matrix")?;
+        self.transformed(py, Similarity::of_matrix(rows.as_flattened()))
     }
 
     /// Translates by (x, y, z) in world units.
@@ -138,8 +137,8 @@ impl Model {
     fn crop_views(
         &self,
         py: Python<'_>,
-        scene: PathBuf,
-        images: Option<PathBuf>,
+        #[pyo3(from_py_with = file)] scene: PathBuf,
+        #[pyo3(from_py_with = some_file)] images: Option<PathBuf>,
         #[pyo3(from_py_with = whole)] least: i64,
         outside: bool,
     ) -> PyResult<Self> {
@@ -180,24 +179,28 @@ impl Model {
         self.edited(py, Edit::MaxSize(size))
     }
 
-    /// Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one; or
-    /// "floaters", Gaussians in empty space, which the photos of `scene`, in its folder images and at a resolution such as 640 (pixels wide)
-    /// or "/2", show to be wrong, or without a scene pictures of the model (docs/edit.md). A UserWarning tells of very many floaters.
-    #[pyo3(signature = (kind, *, ratio=NEEDLE, scene=None, images=None, resolution=None, device=None),
-        text_signature = "($self, kind, *, ratio=100.0, scene=None, images=None, resolution=None, device=None)")]
+    /// Removes "invisible" Gaussians, which no picture can show; or "needles", whose longest axis is `ratio` times the middle one, 100 by
+    /// default; or "floaters", Gaussians in empty space, which the photos of `scene`, in its folder images and at a resolution such as 640
+    /// (pixels wide) or "/2", show to be wrong, or without a scene pictures of the model (docs/edit.md). A UserWarning tells of very many
+    /// floaters.
+    #[pyo3(signature = (kind, *, ratio=None, scene=None, images=None, resolution=None, device=None))]
     fn remove(
         &self,
         py: Python<'_>,
         kind: &str,
-        ratio: f64,
-        scene: Option<PathBuf>,
-        images: Option<PathBuf>,
+        ratio: Option<f64>,
+        #[pyo3(from_py_with = some_file)] scene: Option<PathBuf>,
+        #[pyo3(from_py_with = some_file)] images: Option<PathBuf>,
         resolution: Option<Resolution>,
         device: Option<&Bound<'_, Device>>,
     ) -> PyResult<Self> {
         if kind != "floaters" && scene.is_some() {
-            return Err(wrong(format!("a scene shows \"floaters\", and not {kind:?}: leave out scene")));
+            return Err(wrong(format!("scene is for kind=\"floaters\", not for {kind:?}: leave it out")));
         }
+        if kind != "needles" && ratio.is_some() {
+            return Err(wrong(format!("ratio is for kind=\"needles\", not for {kind:?}: leave it out")));
+        }
+        let ratio = ratio.unwrap_or(NEEDLE);
         let photos = Photos { scene, images, resolution, ..Photos::default() }.selection()?;
         let unwanted = match kind {
             "invisible" => Unwanted::Invisible,
@@ -220,6 +223,7 @@ impl Model {
     /// The Gaussians selected by a mask (n,) of bools, by indices (k,), in their order, or by a slice. Negative indices count from the end.
     fn select(&self, py: Python<'_>, chosen: &Bound<'_, PyAny>) -> PyResult<Self> {
         let n = self.inner.len();
+        unmasked(chosen, "chosen")?;
         let numpy = py.import("numpy")?;
         let array = match chosen.cast::<PySlice>() {
             Ok(slice) => numpy.call_method1("arange", (n,))?.get_item(slice)?,

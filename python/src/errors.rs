@@ -1,15 +1,16 @@
 //! The engine's errors as Python's exceptions, with the engine's words in Python's terms.
 
 use crate::words::in_python;
-use engine::job::{Error, Exit};
-use engine::wording::file_size;
+use engine::gpu;
+use engine::job::{Error, Exit, Relief};
+use engine::wording::{counted, file_size};
 use pyo3::exceptions::{
     PyKeyboardInterrupt, PyMemoryError, PyOSError, PyOverflowError, PyRuntimeError, PyTypeError, PyValueError,
 };
 use pyo3::prelude::*;
 use std::error::Error as _;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pyo3::create_exception!(
     qirf_vk,
@@ -61,17 +62,48 @@ fn path(error: &Error) -> Option<&Path> {
     }
 }
 
+/// The remedy of what a device has no room for.
+const SMALLER: &str = ": give a smaller size or resolution, fewer Gaussians, or another device";
+
 /// The remedy of an error whose own text names none, as the end of its sentence.
 fn remedy(error: &Error) -> String {
     match error {
         Error::Unfinished(checkpoint) => {
             format!(": give resume=True to go on with it, or delete {} to begin anew", checkpoint.display())
         }
+        Error::Finished(_) => ": name another output, or replace that run with overwrite=True".to_owned(),
         Error::OtherRun { .. } => ": give its own options and photos, or another output".to_owned(),
         Error::NothingHeldOut(_) => ": give eval_every=1 to score all of them".to_owned(),
         Error::NothingToTrainOn(_) => ": give a larger eval_every, or eval_every=0 to train on every photo".to_owned(),
+        Error::Picture { .. } => ": give a smaller size".to_owned(),
+        Error::Memory { relief: Relief::OtherDevice, .. } | Error::Buffer { relief: Relief::OtherDevice, .. } => {
+            ": give another device, or a larger memory_limit if you set one: an interrupted run keeps its options"
+                .to_owned()
+        }
+        Error::Buffer { relief: Relief::Gaussians { most, degree }, .. } => {
+            let degree = degree.map_or_else(String::new, |degree| format!(", sh_degree={degree}"));
+            format!(": give max_gaussians={most}{degree}, or another device")
+        }
+        Error::Buffer { .. } | Error::Device(gpu::Error::TooLarge { .. }) => SMALLER.to_owned(),
+        Error::Memory { .. } | Error::Device(_) if Exit::of(error) == Exit::Resources => {
+            format!("{SMALLER}, or a larger memory_limit if you set one")
+        }
         _ => String::new(),
     }
+}
+
+/// The path of a file or folder, without NUL, which Python's `open` refuses too.
+pub fn file(object: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
+    let path: PathBuf = object.extract()?;
+    if path.as_os_str().as_encoded_bytes().contains(&0) {
+        return Err(wrong(format!("{:?}: embedded null byte", path.to_string_lossy())));
+    }
+    Ok(path)
+}
+
+/// As [`file`], or None.
+pub fn some_file(object: &Bound<'_, PyAny>) -> PyResult<Option<PathBuf>> {
+    if object.is_none() { Ok(None) } else { file(object).map(Some) }
 }
 
 /// A share of Gaussians to keep.
@@ -118,7 +150,7 @@ fn pixels(name: &str, object: &Bound<'_, PyAny>) -> PyResult<(u32, u32)> {
     let sides = object.try_iter().map_err(with_name)?;
     let sides = sides.map(|side| whole(&side?)).collect::<PyResult<Vec<i64>>>().map_err(with_name)?;
     let [width, height] = sides[..] else {
-        return Err(wrong(format!("{name} has {} numbers: give a width and a height", sides.len())));
+        return Err(wrong(format!("{name} has {}: give a width and a height", counted(sides.len(), "number"))));
     };
     let side = |pixels: i64| u32::try_from(pixels).ok().filter(|pixels| (1..=65_536).contains(pixels));
     let both = side(width).zip(side(height));

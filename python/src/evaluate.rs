@@ -2,7 +2,7 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{colour, number, warn, whole, wrong};
+use crate::errors::{colour, number, some_file, warn, whole, wrong};
 use crate::model::Model;
 use crate::photos::Photos;
 use crate::watch::{Callbacks, followed};
@@ -33,9 +33,9 @@ use std::path::{Path, PathBuf};
 pub fn evaluate<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
-    scene: Option<PathBuf>,
+    #[pyo3(from_py_with = some_file)] scene: Option<PathBuf>,
     against: Option<&Bound<'py, Model>>,
-    images: Option<PathBuf>,
+    #[pyo3(from_py_with = some_file)] images: Option<PathBuf>,
     resolution: Option<Resolution>,
     #[pyo3(from_py_with = whole)] eval_every: i64,
     background: Option<[f32; 3]>,

@@ -1,7 +1,10 @@
-//! Forked processes, in which the engine's threads do not exist: work is refused there instead of waited for without end.
+//! Forked processes, in which the engine's threads do not exist: work is refused there, and devices are left as they are, instead of
+//! waiting without end.
 
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
+use std::mem::ManuallyDrop;
+use std::ops::Deref;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// True once this process has asked the engine for work, which starts its threads.
@@ -38,6 +41,34 @@ pub fn check() -> PyResult<()> {
     }
     USED.store(true, Ordering::Relaxed);
     Ok(())
+}
+
+/// What has a device behind it: a forked child does not drop it, which would wait for the device without end. The parent does.
+pub struct Kept<T>(ManuallyDrop<T>);
+
+impl<T> Kept<T> {
+    pub fn new(value: T) -> Self {
+        Self(ManuallyDrop::new(value))
+    }
+}
+
+impl<T> Deref for Kept<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.0
+    }
+}
+
+impl<T> Drop for Kept<T> {
+    #[allow(unsafe_code)]
+    fn drop(&mut self) {
+        if FORKED.load(Ordering::Relaxed) {
+            return;
+        }
+        // SAFETY: the value is dropped here and nowhere else, and nobody uses it afterwards.
+        unsafe { ManuallyDrop::drop(&mut self.0) }
+    }
 }
 
 /// Work of the engine, during which other Python threads run.

@@ -1,15 +1,16 @@
 //! Models.
 
 use crate::arrays::{borrowed, floats, rows, tuple, vector};
-use crate::errors::{raised, warn, wrong};
+use crate::errors::{file, raised, warn, wrong};
 use crate::fork::detached;
-use engine::edit::reading_warnings;
+use engine::edit::{reading_warnings, rounding, rounding_warning};
 use engine::gaussians::formats::{self, Loaded, Precision, RenderMode, SpzVersion};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::job::Error;
 use engine::pipeline::place::place;
 use engine::render::Style;
+use engine::wording::counted;
 use numpy::ndarray::{ArrayView, Dimension, IntoDimension};
 use numpy::{PyArray, PyArray1, PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -179,13 +180,14 @@ impl Model {
     /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out,
     /// with a UserWarning, which also tells of an unclear tag and of a file without Gaussians.
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+    fn load(py: Python<'_>, #[pyo3(from_py_with = file)] path: PathBuf) -> PyResult<Self> {
         let loaded = detached(py, || formats::read(&path))?.map_err(|e| raised(Error::from(e)))?;
         warn_of(py, &loaded, &path)?;
         Ok(loaded.into())
     }
 
-    /// Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn.
+    /// Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn. A UserWarning tells of positions that float32
+    /// rounds far from the origin, such as map coordinates: give means - c with origin=c.
     ///
     /// means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
     /// (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3), as an array or
@@ -194,6 +196,7 @@ impl Model {
     #[pyo3(signature = (means, log_scales, rotations, opacity_logits, sh, *, antialiased=false, origin=[0.0; 3]),
         text_signature = "(means, log_scales, rotations, opacity_logits, sh, *, antialiased=False, origin=(0.0, 0.0, 0.0))")]
     fn from_arrays(
+        py: Python<'_>,
         means: &Bound<'_, PyAny>,
         log_scales: &Bound<'_, PyAny>,
         rotations: &Bound<'_, PyAny>,
@@ -207,17 +210,23 @@ impl Model {
         }
         let model = gathered(means, log_scales, rotations, opacity_logits, sh)?;
         let model = model.checked().map_err(|e| raised(Error::from(e)))?;
+        if let Some(step) = rounding(&model) {
+            let far = rounding_warning("the model lies far from its origin", step);
+            warn(py, &format!("{far}; give means - c with origin=c, where c is a point among them"))?;
+        }
         Ok(Self { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
     }
 
     /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json
     /// beside it. A model without Gaussians is a ValueError.
-    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+    fn save(&self, py: Python<'_>, #[pyo3(from_py_with = file)] path: PathBuf) -> PyResult<()> {
         if self.inner.is_empty() {
             return Err(wrong("the model has no Gaussian: nothing was written"));
         }
         let written = detached(py, || formats::write_at(&path, &self.inner, self.mode, self.origin))?;
-        written.map_err(|e| raised(Error::writing(e)))
+        written.map_err(|e| raised(Error::writing(e)))?;
+        let clipped = formats::clip_warning(&path, formats::clipped(&path, &self.inner));
+        clipped.map_or(Ok(()), |line| warn(py, &line))
     }
 
     /// Centres in world units, (n, 3).
@@ -299,6 +308,7 @@ impl Model {
     }
 
     fn __repr__(&self) -> String {
-        format!("Model({} Gaussians, SH degree {}, {})", self.inner.len(), self.inner.degree(), self.mode)
+        let count = counted(self.inner.len(), "Gaussian");
+        format!("Model({count}, SH degree {}, {})", self.inner.degree(), self.mode)
     }
 }

@@ -21,8 +21,8 @@ const OPTIONAL: [&str; 4] = ["growth", "attrition", "rewarm", "l2_from"];
 /// Keys whose tables are one of several kinds: none is completed by another.
 const KINDS: [&str; 2] = ["keep", "partition"];
 /// Keyword arguments that are no keys of config.toml.
-const SHORT: [&str; 9] =
-    ["iterations", "keep", "count", "preset", "output", "device", "resume", "on_step", "on_progress"];
+const SHORT: [&str; 10] =
+    ["iterations", "keep", "count", "preset", "output", "device", "resume", "overwrite", "on_step", "on_progress"];
 /// Options of the program, and what they are here.
 const PROGRAM: [(&str, &str); 12] = [
     ("target_count", "count"),

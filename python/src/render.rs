@@ -3,7 +3,7 @@
 use crate::camera::Camera;
 use crate::device::{Device, or_usual};
 use crate::errors::{colour, raised, some_size, wrong};
-use crate::fork::detached;
+use crate::fork::{Kept, detached};
 use crate::model::Model;
 use engine::gaussians::Gaussians;
 use engine::gaussians::resident::Resident;
@@ -12,6 +12,7 @@ use engine::job::Error;
 use engine::pipeline::budget;
 use engine::pipeline::depth::DepthPainter;
 use engine::render::{Painter, Settings, Source};
+use engine::wording::counted;
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
 use pyo3::prelude::*;
@@ -22,13 +23,18 @@ use std::sync::{Arc, Mutex, MutexGuard};
 /// background: red, green and blue in [0, 1]. antialias, dilation (in square pixels) and depth_order: as in `qirf-vk render`; by default
 /// anti-aliased if the model is, with a dilation of 0.1 then and of 0.3 otherwise. A renderer keeps the model on the device, so use one
 /// renderer for many pictures.
-#[pyclass(frozen, module = "qirf_vk")]
+#[pyclass(frozen, weakref, module = "qirf_vk")]
 pub struct Renderer {
-    device: gpu::Device,
     model: Arc<Gaussians>,
-    /// The model on the device; none if it is too large, and drawn in parts.
-    resident: Option<Resident>,
     settings: Settings,
+    there: Kept<OnDevice>,
+}
+
+/// What a renderer has on its device.
+struct OnDevice {
+    device: gpu::Device,
+    /// The model; none if it is too large, and drawn in parts.
+    resident: Option<Resident>,
     brushes: Mutex<Brushes>,
 }
 
@@ -61,11 +67,11 @@ impl Renderer {
 
     fn brushes(&self) -> MutexGuard<'_, Brushes> {
         // A painter that panicked half-way draws the next picture anew.
-        self.brushes.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+        self.there.brushes.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     fn source(&self) -> Source<'_> {
-        self.resident.as_ref().map_or(Source::Host(&self.model), Source::Device)
+        self.there.resident.as_ref().map_or(Source::Host(&self.model), Source::Device)
     }
 }
 
@@ -74,11 +80,14 @@ fn camera_of(
     [camera, k]: [Option<&Bound<'_, PyAny>>; 2],
     pose: Option<&Bound<'_, PyAny>>,
     size: Option<(u32, u32)>,
-    near: Option<f32>,
+    near: Option<f64>,
 ) -> PyResult<Camera> {
     let whole = camera.and_then(|camera| camera.cast::<Camera>().ok());
     match (whole, camera.xor(k), pose, size) {
-        (Some(camera), Some(_), None, None) => Camera::checked(camera.get().inner.clone(), near.or(camera.get().near)),
+        (Some(camera), Some(_), None, None) => {
+            let camera = camera.get();
+            Camera::checked(camera.inner.clone(), near.or(camera.near.map(f64::from)))
+        }
         (None, Some(k), Some(pose), Some(size)) => Camera::of_matrices(k, pose, size, near),
         _ => Err(wrong("give a Camera, or K, world_to_camera and size")),
     }
@@ -107,7 +116,8 @@ impl Renderer {
             place.whole.then(|| Resident::upload(&device, &model).map_err(Error::from)).transpose()
         });
         let resident = resident?.map_err(raised)?;
-        Ok(Self { device, model, resident, settings: style.over(colour(background)?), brushes: Mutex::default() })
+        let there = Kept::new(OnDevice { device, resident, brushes: Mutex::default() });
+        Ok(Self { model, settings: style.over(colour(background)?), there })
     }
 
     /// A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose
@@ -120,13 +130,13 @@ impl Renderer {
         camera: Option<&Bound<'py, PyAny>>,
         world_to_camera: Option<&Bound<'py, PyAny>>,
         #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
-        near: Option<f32>,
+        near: Option<f64>,
         K: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let camera = camera_of([camera, K], world_to_camera, size, near)?;
         let image = detached(py, || -> Result<_, Error> {
             let ((settings, size), source) = (self.settings(&camera), self.source());
-            let make = || Ok(Painter::of(&self.device, settings, source, size)?);
+            let make = || Ok(Painter::of(&self.there.device, settings, source, size)?);
             Ok(painter(&mut self.brushes().colour, settings.near, make)?.render(source, &camera.inner)?)
         });
         let image = image?.map_err(raised)?;
@@ -147,7 +157,7 @@ impl Renderer {
         world_to_camera: Option<&Bound<'py, PyAny>>,
         #[pyo3(from_py_with = some_size)] size: Option<(u32, u32)>,
         kind: &str,
-        near: Option<f32>,
+        near: Option<f64>,
         K: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let camera = camera_of([camera, K], world_to_camera, size, near)?;
@@ -156,7 +166,8 @@ impl Renderer {
         }
         let drawn = detached(py, || {
             let (settings, size) = self.settings(&camera);
-            let make = || DepthPainter::new(&self.device, &self.model, settings, size, self.resident.is_some());
+            let OnDevice { device, resident, .. } = &*self.there;
+            let make = || DepthPainter::new(device, &self.model, settings, size, resident.is_some());
             painter(&mut self.brushes().depth, settings.near, make)?.draw(&camera.inner)
         });
         let drawn = drawn?.map_err(raised)?;
@@ -166,7 +177,7 @@ impl Renderer {
     }
 
     fn __repr__(&self) -> String {
-        let place = if self.resident.is_some() { "on" } else { "in parts on" };
-        format!("Renderer({} Gaussians, {place} {})", self.model.len(), self.device.info().name)
+        let place = if self.there.resident.is_some() { "on" } else { "in parts on" };
+        format!("Renderer({}, {place} {})", counted(self.model.len(), "Gaussian"), self.there.device.info().name)
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::arrays::{dictionary, json};
 use crate::device::{Device, or_usual};
-use crate::errors::{raised, wrong};
+use crate::errors::{file, raised, some_file, wrong};
 use crate::fork::detached;
 use crate::model::{Model, warn_of};
 use crate::options::{configuration, from_model};
@@ -18,7 +18,7 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// A finished run.
-#[pyclass(frozen, module = "qirf_vk")]
+#[pyclass(frozen, weakref, module = "qirf_vk")]
 pub struct Run {
     /// The trained, pruned model.
     #[pyo3(get)]
@@ -82,13 +82,16 @@ fn job(
     session: &Session<'_>,
     config: &RunConfig,
     folder: &Path,
-    resume: bool,
+    [resume, overwrite]: [bool; 2],
     initial: Option<&Model>,
 ) -> Result<Left, Error> {
     let output = Output::claim(folder)?;
     let found = Earlier::of(&output);
     if !resume && found == Earlier::Interrupted {
         return Err(Error::Unfinished(output.checkpoint()));
+    }
+    if !resume && !overwrite && found == Earlier::Finished {
+        return Err(Error::Finished(folder.to_owned()));
     }
     let resumed = resume && found != Earlier::Nothing;
     if resumed {
@@ -112,7 +115,8 @@ fn job(
 /// Trains a scene with poses, prunes it, and scores it, as `qirf-vk run` does, with the same bytes.
 ///
 /// scene: a folder with COLMAP's, Blender's, instant-ngp's or nerfstudio's cameras and photos. preset: "standard", "quick" or "paper".
-/// output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there.
+/// output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there. overwrite:
+/// replace a finished run there.
 ///
 /// on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr if it was measured,
 /// rates, device_bytes. on_progress gets the stage, the steps done and their total, which never fall within a stage. Both are called in the
@@ -125,20 +129,24 @@ fn job(
 /// the schedule of the prune; effects=["exposure=on"] or {"exposure": "on"}; init="random", the path of a model, or a Model, which is written
 /// to the folder as initial.ply. Unknown keywords are TypeErrors.
 #[pyfunction]
-#[pyo3(signature = (scene, preset="standard", *, output=None, device=None, resume=false, on_step=None, on_progress=None, **options))]
+#[pyo3(signature = (scene, preset="standard", *, output=None, device=None, resume=false, overwrite=false, on_step=None, on_progress=None, **options))]
 pub fn train(
     py: Python<'_>,
-    scene: PathBuf,
+    #[pyo3(from_py_with = file)] scene: PathBuf,
     preset: &str,
-    output: Option<PathBuf>,
+    #[pyo3(from_py_with = some_file)] output: Option<PathBuf>,
     device: Option<&Bound<'_, Device>>,
     resume: bool,
+    overwrite: bool,
     on_step: Option<Py<PyAny>>,
     on_progress: Option<Py<PyAny>>,
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Run> {
     if output.as_ref().is_some_and(|folder| folder.as_os_str().is_empty()) {
         return Err(wrong("output is an empty path: name a folder, or leave it out"));
+    }
+    if resume && overwrite {
+        return Err(wrong("resume=True and overwrite=True contradict each other: leave out one"));
     }
     if resume && output.is_none() {
         return Err(wrong("resume=True continues from a checkpoint: name the run's folder as output"));
@@ -157,7 +165,7 @@ pub fn train(
     let initial = model.as_ref().map(Py::get);
     let left = followed(py, Callbacks { on_step, on_progress }, |watcher| {
         let networks = Networks::find(None)?;
-        job(&Session { watcher, ..Session::new(&device, &networks) }, &config, &folder, resume, initial)
+        job(&Session { watcher, ..Session::new(&device, &networks) }, &config, &folder, [resume, overwrite], initial)
     })?;
     let json = |text: &str| serde_json::from_str::<Value>(text).map_err(|e| wrong(e.to_string()));
     let log = left.log.lines().map(json).collect::<PyResult<Vec<Value>>>()?;

@@ -3,8 +3,12 @@
 use serde_json::Value;
 
 /// Options of the program as keyword arguments, where the name alone is not enough.
-const PHRASES: [(&str, &str); 3] =
-    [("--selector pairs", "selector=\"pairs\""), ("--least-views", "least"), ("--clean", "clean=True")];
+const PHRASES: [(&str, &str); 4] = [
+    ("(`run` and `compare` with --resume)", "with resume=True"),
+    ("--selector pairs", "selector=\"pairs\""),
+    ("--least-views", "least"),
+    ("--clean", "clean=True"),
+];
 
 /// A message with the names of keyword arguments in place of the program's options: `--eval-every 0` is `eval_every=0`.
 pub fn in_python(message: &str) -> String {

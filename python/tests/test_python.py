@@ -87,24 +87,27 @@ def test_models_and_cameras_are_pickled_and_copied(ring):
         assert copy.copy(thing) is thing and copy.deepcopy([thing])[0] is thing
 
 
-def test_weak_references_die_with_their_model():
-    model = qirf_vk.Model.load(RING)
-    reference = weakref.ref(model)
-    assert reference() is model
-    del model
-    assert reference() is None
+def test_weak_references_die_with_what_they_refer_to(ring):
+    camera = lambda: qirf_vk.Camera.look_at((0, 0, -3), size=(8, 8))
+    for make in (lambda: qirf_vk.Model.load(RING), qirf_vk.Device, lambda: qirf_vk.Renderer(ring), camera):
+        thing = make()
+        reference = weakref.ref(thing)
+        assert reference() is thing
+        del thing
+        assert reference() is None
 
 
 def test_representations_tell_what_things_are(ring, trained):
     assert repr(trained).startswith(f"Run(Model({len(trained.model)} Gaussians") and "PSNR" in repr(trained)
     renderer = repr(qirf_vk.Renderer(ring))
     assert renderer.startswith(f"Renderer({len(ring)} Gaussians, on ") and qirf_vk.Device().name in renderer
+    assert repr(ring.select([0])).startswith("Model(1 Gaussian, ")
 
 
 def signature(node):
-    """Names and defaults of a function of the stubs, without self."""
+    """Names and defaults of a function of the stubs, without self and cls."""
     given = node.args
-    names = [argument.arg for argument in given.args if argument.arg != "self"]
+    names = [argument.arg for argument in given.args if argument.arg not in ("self", "cls")]
     defaults = [inspect.Parameter.empty] * (len(names) - len(given.defaults)) + [ast.literal_eval(d) for d in given.defaults]
     keywords = [(a.arg, ast.literal_eval(d)) for a, d in zip(given.kwonlyargs, given.kw_defaults)]
     return [*zip(names, defaults), *keywords, *([(given.kwarg.arg, inspect.Parameter.empty)] if given.kwarg else [])]
@@ -123,13 +126,16 @@ def test_stubs_have_the_real_signatures():
         if isinstance(node, ast.FunctionDef):
             check(getattr(qirf_vk, node.name), node)
         for member in node.body if isinstance(node, ast.ClassDef) else []:
-            # Overloads and properties have no signature of their own.
             decorators = [d.id for d in getattr(member, "decorator_list", []) if isinstance(d, ast.Name)]
-            if not isinstance(member, ast.FunctionDef) or {"property", "overload"} & set(decorators):
+            if not isinstance(member, ast.FunctionDef) or "property" in decorators:
                 continue
-            if member.name == "__init__":
+            if "overload" in decorators:  # a part of the real one
+                real = list(inspect.signature(getattr(getattr(qirf_vk, node.name), member.name)).parameters)
+                positions = [argument.arg for argument in member.args.args]
+                assert positions == real[:len(positions)] and {a.arg for a in member.args.kwonlyargs} <= set(real)
+            elif member.name == "__new__":
                 check(getattr(qirf_vk, node.name), member)
-            elif not member.name.startswith("__") and member.name not in ("render", "depth"):
+            elif not member.name.startswith("__"):
                 check(getattr(getattr(qirf_vk, node.name), member.name), member)
     assert checked > 20
 
@@ -137,8 +143,13 @@ def test_stubs_have_the_real_signatures():
 def test_the_programs_warnings_are_warnings(ring, trained, scene, tmp_path):
     with pytest.warns(UserWarning, match="far from its origin: its positions are rounded to about"):
         far = ring.move_by((1e7, 0, 0))
+    place = np.array([500_000.123, 4_100_000.37, 12])
+    world = ring.means + place
+    with pytest.warns(UserWarning, match="rounded to about .*; give means - c with origin=c"):
+        qirf_vk.Model.from_arrays(world, *arrays(ring)[1:])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        assert np.allclose(qirf_vk.Model.from_arrays(world - place, *arrays(ring)[1:], origin=place).means, ring.means, atol=1e-6)
         far.turn((0, 0, 1), 30)
         ring.move_by((1, 0, 0))
     smooth = qirf_vk.Model.from_arrays(*arrays(ring), antialiased=True)
@@ -191,3 +202,50 @@ print(os.WEXITSTATUS(os.waitpid(child, 0)[1]))
         code = f"{begin}model = {model}{end}"
         said = subprocess.run([sys.executable, "-W", "ignore", "-c", code], stdout=subprocess.PIPE, check=True, timeout=60).stdout
         assert said.strip() == expected, model
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_forked_child_ends_with_its_parents_renderer():
+    code = f"""
+import os, signal, sys, qirf_vk
+renderer, device = qirf_vk.Renderer(qirf_vk.Model.load({str(RING)!r})), qirf_vk.Device()
+if os.fork() == 0:
+    signal.alarm(20)  # ends a child that waits
+    del device
+    sys.exit(5)
+sys.exit(0 if os.waitstatus_to_exitcode(os.wait()[1]) == 5 else 1)
+"""
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True, timeout=60)
+
+
+def test_masks_and_complex_numbers_are_not_dropped(ring):
+    masked = np.ma.masked_greater(ring.means, 0)
+    for call in (lambda: qirf_vk.Model.from_arrays(masked, *arrays(ring)[1:]), lambda: ring.select(np.ma.masked_greater([0, 1], 0))):
+        with pytest.raises(ValueError, match="(means|chosen) is masked: fill it, or leave out"):
+            call()
+    assert len(ring.select(np.ma.masked_greater([0, 1], 5))) == 2
+    for call in (lambda: qirf_vk.Model.from_arrays(ring.means + 0j, *arrays(ring)[1:]), lambda: ring.transform(np.eye(4) + 0j)):
+        with pytest.raises(TypeError, match="(means|matrix) has complex numbers: give real ones"):
+            call()
+
+
+def test_refusals_tell_what_was_given(ring, tmp_path):
+    K, pose = np.diag([9, 9, 1]), np.eye(4)
+    wrong = {
+        r'ratio tells "needles", and not "invisible"': lambda: ring.remove("invisible", ratio=3),
+        "near=1e-50: give": lambda: qirf_vk.Camera(K, pose, (4, 4), near=1e-50),
+        "near=1e39: give": lambda: qirf_vk.Renderer(ring).render(K, pose, (4, 4), near=1e39),
+        "size has 1 number:": lambda: qirf_vk.Camera(K, pose, [4]),
+        r"a\\0b.ply.*: embedded null byte": lambda: qirf_vk.Model.load("a\0b.ply"),
+        "init=.*: embedded null byte": lambda: qirf_vk.train(tmp_path, init="a\0b.ply"),
+        r"world_to_camera has the shape \(3, 3\), and should have \(3, 4\) or \(4, 4\)": lambda: qirf_vk.Camera(K, np.eye(3), (4, 4)),
+    }
+    for text, call in wrong.items():
+        with pytest.raises(ValueError, match=text):
+            call()
+    for shape in ((2, 6), (6, 2), (1, 4, 4), (12,), (16,)):
+        with pytest.raises(ValueError, match=r"matrix has the shape .*, and should have \(3, 4\) or \(4, 4\)"):
+            ring.transform(np.zeros(shape))
+    assert np.array_equal(ring.transform(pose[:3]).means, ring.means)
+    with pytest.raises(MemoryError, match="give a smaller size"):
+        qirf_vk.Renderer(ring).render(K, pose, (65536, 65536))

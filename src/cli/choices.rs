@@ -18,7 +18,7 @@ pub(super) struct Choices {
     /// Share of the Gaussians to keep, detail included [default: 0.28; preset paper: at least 0.22 of each block, and detail]
     #[arg(long, value_name = "SHARE", value_parser = values::share, conflicts_with = "target_count")]
     keep: Option<f64>,
-    /// Keep exactly this number of Gaussians
+    /// Keep this number of Gaussians, or all if there are fewer
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     target_count: Option<u32>,
     /// Rule that selects Gaussians: pairs merges pairs of neighbours; the others rank Gaussians and keep the first [default:

@@ -3,10 +3,18 @@
 use super::console::Console;
 use crate::job::Error;
 
-const EXAMPLES: &str = "Examples:
+const EXAMPLES: &str = r"Examples:
+  mkdir -p ~/.local/share/bash-completion/completions
   qirf-vk completions bash > ~/.local/share/bash-completion/completions/qirf-vk
+  mkdir -p ~/.zfunc
   qirf-vk completions zsh > ~/.zfunc/_qirf-vk
-  qirf-vk completions fish > ~/.config/fish/completions/qirf-vk.fish";
+  mkdir -p ~/.config/fish/completions
+  qirf-vk completions fish > ~/.config/fish/completions/qirf-vk.fish
+  qirf-vk completions powershell > qirf-vk.ps1
+
+For zsh, ~/.zshrc needs before compinit: fpath+=(~/.zfunc)
+
+For PowerShell, $PROFILE needs: . C:\path\to\qirf-vk.ps1";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]

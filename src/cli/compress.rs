@@ -239,12 +239,8 @@ fn report(console: &Console, figures: &CompressRecord) -> Result<(), Error> {
     if test.pruned.is_some() {
         console.note(format_args!("scored {} against {truth}", counted(protocol.test_views, "held-out view")));
     }
-    console.print(format_args!(
-        "time       {:.1} s: responses {:.1}, choice and merging {:.2}, fine-tuning {:.1}",
-        time.total_s,
-        time.responses_s,
-        time.keep_mask_s + time.merge_s,
-        time.fine_tune_s
-    ))?;
+    let parts = report::compression::parts(figures);
+    let parts: Vec<String> = parts.iter().map(|(name, seconds)| format!("{name} {seconds:.1}")).collect();
+    console.print(format_args!("time       {:.1} s: {}", time.total_s, parts.join(", ")))?;
     console.print(format_args!("           {}", output.path.display()))
 }

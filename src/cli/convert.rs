@@ -27,7 +27,7 @@ use crate::scene::{OpenOptions, Scene};
 use crate::view::alone::{Fit, PageOptions, Shell};
 use crate::wording::{counted, file_size};
 use glam::DVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
   qirf-vk convert model.ply model.spz
@@ -312,5 +312,13 @@ fn write_measured(
         }
     };
     target.write(Some(packed), model, loaded.mode)?;
+    warn_of_clipped(target.path, model, console);
     Ok(cost)
+}
+
+/// Warns of Gaussians whose colours are cut off by the format of a model's file.
+pub(super) fn warn_of_clipped(path: &Path, model: &Gaussians, console: &Console) {
+    if let Some(warning) = formats::clip_warning(path, formats::clipped(path, model)) {
+        console.warn(warning);
+    }
 }

@@ -34,7 +34,7 @@ mod values;
 mod view;
 mod viewer;
 
-use crate::gpu::{Device, DeviceOptions, Milliseconds, TuningChoice};
+use crate::gpu::{self, Device, DeviceOptions, Milliseconds, TuningChoice};
 use crate::job::{Error, Exit};
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Colour, Console};
@@ -47,7 +47,6 @@ use tracing_subscriber::filter::LevelFilter;
 /// Train, prune and measure 3D Gaussian Splatting scenes with Vulkan compute.
 #[derive(Debug, Parser)]
 #[command(name = "qirf-vk", version, max_term_width = 110, arg_required_else_help = true)]
-#[command(disable_help_subcommand = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -68,7 +67,7 @@ struct Global {
     #[arg(long, global = true, value_name = "CLASS,FIELD=VALUE")]
     tuning: Option<TuningChoice>,
     /// Maximum length of a submission to the device, in milliseconds: for slow devices on systems that reset a busy driver, as
-    /// Windows does after 2,000 [default: $QIRF_MAX_SUBMISSION, else 1000 for integrated GPUs on Windows, and no limit elsewhere]
+    /// Windows does after 2,000 [default: $QIRF_MAX_SUBMISSION, else 1000 for GPUs on Windows, and no limit elsewhere]
     #[arg(long, global = true, value_name = "MS")]
     max_submission: Option<Milliseconds>,
     /// Print only results and errors
@@ -85,6 +84,7 @@ struct Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Train and prune a model from photos, a scene or a video
+    #[command(visible_alias = "train")]
     Run(run::Arguments),
     /// Compare pruning methods on a scene, all from one checkpoint
     Compare(compare::Arguments),
@@ -233,6 +233,9 @@ impl Cli {
                 Some("what was finished is kept: continue with --resume".to_owned())
             }
             (Error::Interrupted, _) => Some("what was finished is kept".to_owned()),
+            (Error::Device(gpu::Error::TooLarge { .. }), Command::Compress(_)) => {
+                Some("use fewer Gaussians or a smaller image, or --selector pairs, which has room for more".to_owned())
+            }
             _ => remedy::remedy(error),
         }
     }

@@ -1,11 +1,12 @@
 //! `qirf-vk pose INPUT`, and its options, which `run` shares.
 
 use super::console::Console;
+use super::remedy::quoted;
 use super::show::Show;
 use super::values;
 use crate::job::Error;
 use crate::pose::{self, Backend, Matching, Options, Posed};
-use crate::scene::{self, instead, photo_folder};
+use crate::scene::{self, OpenOptions, Scene, instead, photo_folder};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -78,6 +79,10 @@ impl Posing {
 impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let input = self.input()?;
+        if Scene::find(&self.input, &OpenOptions::default()).is_ok() {
+            let shown = quoted(&self.input);
+            console.note(format_args!("{shown} has poses already: `qirf-vk run {shown} -o DIR` uses them"));
+        }
         let watcher = Show::new(console);
         let posed = pose::pose(&input, &self.output, &self.posing.options(), &watcher)?;
         if self.json {

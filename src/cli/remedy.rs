@@ -23,7 +23,8 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Scene(e) => capture(e),
         Error::Synth(e) => synthetic(e),
         Error::Metrics(e) => scores(e),
-        Error::Memory { relief, .. } => Some(smaller(*relief)),
+        Error::Memory { relief, .. } => Some(smaller(*relief, false)),
+        Error::Buffer { relief, .. } => Some(smaller(*relief, true)),
         Error::SelfTest { .. } => plain(
             "update the driver (known bad: llvmpipe of Mesa before 25, which ends shader loops after 65,535 iterations), or choose \
              another device with --device",
@@ -58,6 +59,7 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::Unfinished(checkpoint) => {
             Some(format!("add --resume to continue it, or delete {} to start from the beginning", checkpoint.display()))
         }
+        Error::Finished(_) => plain("name another folder with -o, or replace that run with --overwrite"),
         Error::Part { path, task, .. } => Some(divided(path, task)),
         Error::Diagnostics { .. } => plain(
             "use it with the model before the prune: the input of `compress`, or the .ply that `run` wrote beside it",
@@ -154,9 +156,7 @@ fn device(error: &gpu::Error) -> Option<String> {
         gpu::Error::Driver { .. } => plain(
             "install Mesa 25 or newer (Debian 12: mesa-vulkan-drivers from bookworm-backports; tools/setup does it), or use a GPU",
         ),
-        gpu::Error::TooLarge { .. } => {
-            plain("use fewer Gaussians or a smaller image; compress has room for more with --selector pairs")
-        }
+        gpu::Error::TooLarge { .. } => plain("use fewer Gaussians, a smaller image, or another device"),
         gpu::Error::OutOfMemory { .. } => {
             plain("use fewer Gaussians, a smaller image, another device, or a larger --memory-budget if you set one")
         }
@@ -254,23 +254,33 @@ fn scores(error: &metrics::Error) -> Option<String> {
     }
 }
 
-/// Advice on running a job with less memory.
-fn smaller(relief: Relief) -> String {
-    let first = match relief {
-        Relief::None => String::new(),
-        Relief::Gaussians(most) => format!(" --max-gaussians {most},"),
-        Relief::SmallerModel => " a smaller model,".to_owned(),
-        Relief::SmallerPictures => " a smaller --size,".to_owned(),
-        Relief::MoreBlocks => " more --blocks in a new plan,".to_owned(),
+/// Advice on running a job with less memory, or with smaller buffers.
+fn smaller(relief: Relief, buffers: bool) -> String {
+    let mut ways = match relief {
+        Relief::None | Relief::OtherDevice => Vec::new(),
+        Relief::Gaussians { most, degree } => {
+            let degree = degree.map(|degree| format!("--sh-degree {degree}"));
+            std::iter::once(format!("--max-gaussians {most}")).chain(degree).collect()
+        }
+        Relief::SmallerModel => vec!["a smaller model".to_owned()],
+        Relief::SmallerPictures => vec!["a smaller --size".to_owned()],
+        Relief::MoreBlocks => vec!["more --blocks in a new plan".to_owned()],
     };
-    let divided = if matches!(relief, Relief::Gaussians(_)) {
-        ", or train in blocks: `qirf-vk shard plan run --help`"
-    } else {
-        ""
+    // Where fewer Gaussians help, the largest buffer does not depend on the pictures' size.
+    let pictures = if buffers { relief == Relief::None } else { relief != Relief::OtherDevice };
+    if pictures {
+        ways.push("a smaller --resolution".to_owned());
+    }
+    if !buffers {
+        ways.push("a larger --memory-budget (if it was set)".to_owned());
+    }
+    let ways = if ways.is_empty() { String::new() } else { format!("{}, or ", ways.join(", ")) };
+    let last = match relief {
+        Relief::Gaussians { .. } => ", or train in blocks: `qirf-vk shard plan run --help`",
+        Relief::OtherDevice => ": an interrupted run keeps its options",
+        _ => "",
     };
-    format!(
-        "give{first} a smaller --resolution, a larger --memory-budget (if it was set), or another --device{divided}"
-    )
+    format!("give {ways}another --device{last}")
 }
 
 /// The commands that install one of these programs.
@@ -352,9 +362,24 @@ mod tests {
         says(Error::NothingHeldOut(path()), &["--eval-every 1"]);
         says(Error::OtherRun { folder: path(), changes: Vec::new() }, &["--config 'a b/c/config.toml'", "-o"]);
         says(Error::Unfinished(path()), &["--resume", "delete a b/c"]);
+        says(Error::Finished(path()), &["--overwrite", "-o"]);
         assert!(remedy(&Error::Interrupted).is_none());
-        assert!(smaller(Relief::Gaussians(7)).starts_with("give --max-gaussians 7, a smaller --resolution,"));
-        assert!(!smaller(Relief::None).contains("--max-gaussians"));
+        let large = gpu::Error::TooLarge { name: "sh2".into(), needed: 2, limit: 1, device: "D".into() };
+        assert!(device(&large).is_some_and(|told| !told.contains("compress") && !told.contains("--selector")));
+        for (relief, buffers, told) in [
+            (Relief::None, true, "give a smaller --resolution, or another --device"),
+            (Relief::OtherDevice, true, "give another --device: an interrupted run keeps its options"),
+            (Relief::MoreBlocks, true, "give more --blocks in a new plan, or another --device"),
+            (Relief::OtherDevice, false, "give a larger --memory-budget (if it was set), or another --device: an"),
+            (Relief::None, false, "give a smaller --resolution, a larger --memory-budget (if it was set), or another"),
+        ] {
+            assert!(smaller(relief, buffers).starts_with(told), "{}", smaller(relief, buffers));
+        }
+        let fewer = |degree| Relief::Gaussians { most: 7, degree };
+        assert!(smaller(fewer(None), false).starts_with("give --max-gaussians 7, a smaller --resolution, a larger"));
+        let told =
+            "give --max-gaussians 7, --sh-degree 1, or another --device, or train in blocks: `qirf-vk shard plan";
+        assert!(smaller(fewer(Some(1)), true).starts_with(told));
     }
 
     #[test]

@@ -61,6 +61,9 @@ pub(super) struct Arguments {
     /// Continue from the folder's checkpoint, if there is one
     #[arg(long)]
     resume: bool,
+    /// Replace the finished run in the folder
+    #[arg(long, conflicts_with = "resume")]
+    overwrite: bool,
     /// Configuration of an earlier run, its config.toml, in place of the scene and all other options of the run. Its learning
     /// rates depend on its number of iterations: change both together
     #[arg(long, value_name = "FILE", conflicts_with_all = ["Training", "Choices", "Posing", "no_prune"])]
@@ -117,6 +120,9 @@ impl Arguments {
         let found = Earlier::of(&output);
         if found == Earlier::Interrupted && !self.resume {
             return Err(Error::Unfinished(output.checkpoint()));
+        }
+        if found == Earlier::Finished && !self.resume && !self.overwrite {
+            return Err(Error::Finished(self.output.clone()));
         }
         let begins = matches!(&config.init, Init::Model(initial) if formats::refuse_overwrite(initial, &output.model()).is_err());
         if output.model().exists() && !output.config().exists() && !begins {
@@ -287,11 +293,16 @@ impl Arguments {
         if self.json_progress {
             return Ok(());
         }
-        let score = |v: Option<f64>, unit: &str| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}{unit}"));
+        let score = |v: Option<f64>, unit: &str| match v {
+            None => "-".to_owned(),
+            // The PSNR of equal pictures is infinite.
+            Some(v) if v.is_infinite() => "equal".to_owned(),
+            Some(v) => format!("{v:.3}{unit}"),
+        };
         if let Some(test) = &record.test {
             console.print(format_args!(
                 "test   PSNR {}  SSIM {}  LPIPS {}  ({})",
-                score(test.psnr, " dB"),
+                score(test.psnr.or(Some(f64::INFINITY)), " dB"),
                 test.ssim.map_or_else(|| "-".to_owned(), |v| format!("{v:.4}")),
                 score(test.lpips_vgg, ""),
                 counted(ViewScores::counting(&record.views), "view"),

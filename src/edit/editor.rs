@@ -1,6 +1,7 @@
 //! A model under edit, with a record of each edit.
 
-use super::{Edit, Error, Reason};
+use super::transform::transform;
+use super::{Edit, Error, Reason, Similarity, rounding};
 use crate::gaussians::Gaussians;
 use crate::gaussians::order::{reorder, z_order};
 use serde::Serialize;
@@ -25,10 +26,13 @@ pub struct Step {
     pub rules: Option<BTreeMap<Reason, Vec<[u32; 2]>>>,
 }
 
-/// A model under edit.
+/// A model under edit. Successive moves ([`Edit::Transform`]) are composed in float64 and applied as one before the next edit
+/// of another kind.
 #[derive(Clone, Debug)]
 pub struct Editor {
     model: Gaussians,
+    /// The moves that are not yet applied, as one.
+    moves: Option<Similarity>,
     /// The number of each Gaussian in the input.
     numbers: Option<Vec<u32>>,
     steps: Vec<Step>,
@@ -37,22 +41,54 @@ pub struct Editor {
 impl Editor {
     /// Starts with a model. With a number for each Gaussian, n, steps list the removed ones by them.
     pub fn new(model: Gaussians, numbers: Option<Vec<u32>>) -> Self {
-        Self { model, numbers, steps: Vec::new() }
+        Self { model, moves: None, numbers, steps: Vec::new() }
     }
 
-    /// The current model.
-    pub fn model(&self) -> &Gaussians {
-        &self.model
+    /// The current model, after the moves that were waiting.
+    ///
+    /// # Errors
+    /// [`Error::Overflow`], as from [`Edit::apply`].
+    pub fn model(&mut self) -> Result<&Gaussians, Error> {
+        self.settle()?;
+        Ok(&self.model)
+    }
+
+    /// The current SH degree.
+    pub fn degree(&self) -> usize {
+        self.model.degree()
+    }
+
+    /// Applies the moves that wait. Returns the step of float32 in the new positions, in world units, if it matters
+    /// ([`rounding`]); `None` if no move waited.
+    ///
+    /// # Errors
+    /// [`Error::Overflow`], as from [`Edit::apply`].
+    pub fn settle(&mut self) -> Result<Option<f64>, Error> {
+        let Some(moves) = self.moves.take() else { return Ok(None) };
+        transform(&mut self.model, &moves)?;
+        Ok(rounding(&self.model))
     }
 
     /// The model and the records of all edits.
-    pub fn finish(self) -> (Gaussians, Vec<Step>) {
-        (self.model, self.steps)
+    ///
+    /// # Errors
+    /// [`Error::Overflow`], as from [`Edit::apply`].
+    pub fn finish(mut self) -> Result<(Gaussians, Vec<Step>), Error> {
+        self.settle()?;
+        Ok((self.model, self.steps))
     }
 
-    /// Applies an edit; `name` is the user's request, `why` the reason of its removals.
+    /// Applies an edit, or lets a move wait; `name` is the user's request, `why` the reason of its removals.
+    ///
+    /// # Errors
+    /// [`Error::Overflow`], as from [`Edit::apply`], by the moves that were waiting.
     pub fn apply(&mut self, edit: &Edit, name: &str, why: &str) -> Result<&Step, Error> {
         let before = self.model.len();
+        if let Edit::Transform(next) = edit {
+            self.moves = Some(self.moves.map_or(*next, |first| first.then(next)));
+            return Ok(self.account(name, None, before, (None, None)));
+        }
+        self.settle()?;
         let order = matches!(edit, Edit::MortonOrder).then(|| z_order(&self.model));
         let kept = match &order {
             Some(order) => {
@@ -124,6 +160,7 @@ fn ranges(mut numbers: Vec<u32>) -> Vec<[u32; 2]> {
 mod tests {
     use super::*;
     use crate::edit::Region;
+    use crate::random::Random;
     use glam::DVec3;
 
     #[test]
@@ -144,6 +181,40 @@ mod tests {
         assert_eq!((step.before, step.after, step.ranges), (8, 5, Some(vec![[3, 4], [8, 8]])));
         let rules = [(Reason::NearOne, vec![[4, 4]]), (Reason::Alone, vec![[3, 3], [8, 8]])];
         assert_eq!(step.rules, Some(rules.into()));
-        assert_eq!(editor.finish().1.len(), 3);
+        assert_eq!(editor.finish().unwrap().1.len(), 3);
+    }
+
+    #[test]
+    fn successive_moves_are_rounded_once() {
+        let mut random = Random(9);
+        let mut model = Gaussians::zeroed(50, 3);
+        for i in 0..50 {
+            model.means[i] = [0; 3].map(|_| random.within(0.25, 2.0) as f32);
+            model.rotations[i] = [0; 4].map(|_| random.within(0.25, 1.0) as f32);
+        }
+        model.sh.iter_mut().flatten().for_each(|x| *x = random.within(0.25, 1.0) as f32);
+        let shift = |sign: f64| Edit::Transform(Similarity::shift(DVec3::new(1e6, -2e6, 3e5) * sign));
+        let turn = |degrees: f64| Edit::Transform(Similarity::turn(DVec3::Z, degrees).unwrap());
+        let same = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| a.to_bits().abs_diff(b.to_bits()) <= 1);
+        for edits in [vec![shift(1.0), turn(30.0), turn(-30.0), shift(-1.0)], vec![turn(10.0); 36]] {
+            let mut editor = Editor::new(model.clone(), None);
+            for edit in &edits {
+                let step = editor.apply(edit, "move", "").unwrap();
+                assert_eq!((step.before, step.after, &step.why), (50, 50, &None));
+            }
+            let (moved, steps) = editor.finish().unwrap();
+            assert_eq!((steps.len(), &moved.log_scales), (edits.len(), &model.log_scales));
+            assert!(same(moved.means.as_flattened(), model.means.as_flattened()));
+            assert!(same(moved.rotations.as_flattened(), model.rotations.as_flattened()));
+            assert!(same(&moved.sh.concat(), &model.sh.concat()));
+        }
+        // An edit of another kind sees the model where it was moved to, as float32 has it there.
+        let mut editor = Editor::new(model, None);
+        editor.apply(&shift(1.0), "away", "").unwrap();
+        assert!(editor.clone().settle().unwrap().is_some_and(|step| step > 0.1));
+        assert!(editor.clone().model().unwrap().means.iter().all(|mean| mean[0] > 9e5));
+        let there = Region::Sphere { centre: DVec3::new(1e6, -2e6, 3e5), radius: 9.0 };
+        let step = editor.apply(&Edit::Crop { region: there, outside: false }, "crop", "outside").unwrap();
+        assert_eq!(step.after, 50);
     }
 }

@@ -60,7 +60,7 @@ impl Region {
             Self::Box { low, high } => point.cmpge(*low).all() && point.cmple(*high).all(),
             Self::Sphere { centre, radius } => point.distance_squared(*centre) <= radius * radius,
             Self::Views { cameras, least } => {
-                cameras.iter().filter(|camera| shows(camera, point)).take(*least).count() >= *least
+                cameras.iter().filter(|camera| camera.shows(point)).take(*least).count() >= *least
             }
         }
     }
@@ -73,14 +73,6 @@ impl Region {
         };
         points.par_iter().map(kept).collect()
     }
-}
-
-/// True if a point is in front of the camera and projects into its picture.
-fn shows(camera: &Camera, point: DVec3) -> bool {
-    let seen = camera.rotation * point + camera.translation;
-    let pixel = seen.truncate() * camera.focal / seen.z + camera.principal;
-    let within = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < f64::from(camera.width);
-    seen.z > 0.0 && within && pixel.y < f64::from(camera.height)
 }
 
 #[cfg(test)]

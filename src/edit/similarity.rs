@@ -2,7 +2,7 @@
 
 use super::Error;
 use crate::wording::shown;
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3, DVec4};
 
 /// Largest difference of a matrix from a similarity, as a share of its scale: files have six digits or more.
 const TOLERANCE: f64 = 1e-4;
@@ -43,7 +43,7 @@ impl Similarity {
     /// # Errors
     /// [`Error::Numbers`] for an axis without a direction, or degrees that are not finite.
     pub fn turn(axis: DVec3, degrees: f64) -> Result<Self, Error> {
-        let axis = axis.try_normalize().filter(|_| degrees.is_finite());
+        let axis = unit(axis).filter(|_| degrees.is_finite());
         let axis =
             axis.ok_or_else(|| Error::Numbers("a rotation needs an axis other than 0, and finite degrees".into()))?;
         // Quarter turns have no error of rounding.
@@ -65,12 +65,11 @@ impl Similarity {
     /// # Errors
     /// [`Error::Numbers`] for zero, or numbers that are not finite.
     pub fn quaternion([w, x, y, z]: [f64; 4]) -> Result<Self, Error> {
-        let length = (w * w + x * x + y * y + z * z).sqrt();
-        if !length.is_finite() || length < 1e-12 {
-            return Err(Error::Numbers("a quaternion of length 0 is not a rotation: give w,x,y,z".into()));
-        }
-        let rotation = DMat3::from_quat(DQuat::from_xyzw(x / length, y / length, z / length, w / length));
-        Ok(Self { rotation, ..Self::IDENTITY })
+        let given = DVec4::new(x, y, z, w);
+        // Divided first, as by `unit`.
+        let found = (given / given.abs().max_element()).try_normalize();
+        let refused = || Error::Numbers("a quaternion w,x,y,z has finite numbers, not all of them 0".into());
+        Ok(Self { rotation: DMat3::from_quat(DQuat::from_vec4(found.ok_or_else(refused)?)), ..Self::IDENTITY })
     }
 
     /// The similarity of a matrix of 3 x 4 or 4 x 4 numbers, row by row; the fourth row is 0, 0, 0, 1. Six digits suffice: a
@@ -127,6 +126,22 @@ impl Similarity {
     pub fn point(&self, x: DVec3) -> DVec3 {
         self.rotation * x * self.scale + self.translation
     }
+
+    /// This map and then another, as one map.
+    #[must_use]
+    pub fn then(&self, next: &Self) -> Self {
+        Self {
+            rotation: next.rotation * self.rotation,
+            scale: next.scale * self.scale,
+            translation: next.point(self.translation),
+        }
+    }
+}
+
+/// The direction of a vector; `None` for zero, and for numbers that are not finite. All are divided by the largest component
+/// first: the squares of very large and very small numbers leave the range of float64.
+fn unit(vector: DVec3) -> Option<DVec3> {
+    (vector / vector.abs().max_element()).try_normalize()
 }
 
 /// The orthonormal matrix nearest to one that is nearly so (Newton's iteration for the polar factor).
@@ -139,7 +154,7 @@ fn orthonormal(matrix: DMat3) -> DMat3 {
 /// # Errors
 /// [`Error::Numbers`] if one has no direction.
 pub fn between(from: DVec3, to: DVec3) -> Result<Similarity, Error> {
-    let (Some(a), Some(b)) = (from.try_normalize(), to.try_normalize()) else {
+    let (Some(a), Some(b)) = (unit(from), unit(to)) else {
         return Err(Error::Numbers("an axis of length 0 has no direction".into()));
     };
     let axis = a.cross(b);
@@ -175,6 +190,21 @@ mod tests {
         let unit = axis.normalize() * half.sin();
         let same = Similarity::quaternion([2.0 * half.cos(), 2.0 * unit.x, 2.0 * unit.y, 2.0 * unit.z]).unwrap();
         near(same.point(DVec3::new(3.0, -1.0, 0.2)), turn.point(DVec3::new(3.0, -1.0, 0.2)));
+        // Their lengths do not matter, also where the squares are 0 or infinite.
+        let quaternion = |size: f64| Similarity::quaternion([1.0, 2.0, 3.0, 4.0].map(|q| q * size)).unwrap();
+        for size in [1e-300, 1e-170, 1e-13, 1e155, 1e300] {
+            near(quaternion(size).point(DVec3::ONE), quaternion(1.0).point(DVec3::ONE));
+            near(Similarity::turn(axis * size, 37.0).unwrap().point(DVec3::ONE), turn.point(DVec3::ONE));
+        }
+    }
+
+    #[test]
+    fn two_maps_are_one() {
+        let first = Similarity { scale: 2.0, translation: DVec3::X, ..Similarity::turn(DVec3::Y, 50.0).unwrap() };
+        let next = Similarity { scale: 0.3, translation: DVec3::Y, ..Similarity::turn(DVec3::ONE, -70.0).unwrap() };
+        let point = DVec3::new(0.5, -2.0, 3.0);
+        near(first.then(&next).point(point), next.point(first.point(point)));
+        assert_eq!(first.then(&Similarity::IDENTITY), first);
     }
 
     #[test]
@@ -210,6 +240,9 @@ mod tests {
         let stretched = rows(DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.01)), [0.0; 3]);
         assert!(matches!(Similarity::of_matrix(&stretched), Err(Error::NotSimilar(_))));
         assert!(matches!(Similarity::of_matrix(&[0.0; 12]), Err(Error::NotSimilar(_))));
+        let small = rows(DMat3::from_diagonal(DVec3::new(1e-7, 1e-7, 1.5e-7)), [0.0; 3]);
+        let said = Similarity::of_matrix(&small).unwrap_err().to_string();
+        assert!(said.contains("1.00000e-7, 1.00000e-7 and 1.50000e-7"), "{said}");
         for bad in [vec![1.0; 15], vec![f64::NAN; 12], [rounded.clone(), vec![0.0, 0.0, 0.0, 2.0]].concat()] {
             assert!(matches!(Similarity::of_matrix(&bad), Err(Error::Numbers(_))), "{bad:?}");
         }
@@ -222,6 +255,7 @@ mod tests {
             assert!(said.contains(word) && said.contains("a JSON list of rows"), "{said}");
         }
         assert!(Similarity::scaling(0.0).is_err() && Similarity::scaling(f64::INFINITY).is_err());
+        assert!(Similarity::quaternion([f64::NAN, 1.0, 0.0, 0.0]).is_err());
         assert!(Similarity::quaternion([0.0; 4]).is_err() && Similarity::turn(DVec3::ZERO, 5.0).is_err());
     }
 }

@@ -1,5 +1,5 @@
 //! Decides which effects a scene calls for, from its training photos, cameras and points alone, with the
-//! evidence.
+//! evidence. [`Agreement`] tells from all photos which of them do not show what their poses should.
 //!
 //! | effect | on when | detector | what it switches |
 //! |---|---|---|---|
@@ -26,19 +26,23 @@
 //! 4. Test that it does what it should and that it is free when off (`tests/device/effects/`), add a check to
 //!    `selftest`, a row to `benches/engine/effects.rs` and a section to `docs/effects.md`.
 
+mod agreement;
 pub mod colour;
 mod decision;
 mod effect;
 pub mod geometry;
 mod overrides;
 mod quantile;
+mod sights;
 mod tracks;
 mod training_set;
 mod trial;
 
+pub use agreement::Agreement;
 pub use decision::{Decision, is_on};
 pub use effect::{Effect, Trigger};
 pub use overrides::{Choice, Overrides};
+pub use sights::Change;
 pub use training_set::{DepthEvidence, DepthWitness, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 pub use trial::{MOVED, exposure_by_trial, poses_by_trial, trial_length, untold};
 

@@ -9,7 +9,7 @@ use std::io;
 /// Greatest width of a thumbnail in pixels.
 pub const THUMBNAIL_WIDTH: u32 = 480;
 /// Smallest fourth byte of a pixel whose colour is used.
-const OPAQUE: u8 = 250;
+pub(super) const OPAQUE: u8 = 250;
 
 /// A scene and the photos that are trained on.
 pub struct TrainingSet<'a> {
@@ -110,14 +110,16 @@ impl Thumbnail {
         Ok(Self { camera, pixels, alpha_role: photo.alpha_role })
     }
 
-    /// The colour at a world point, interpolated between the four nearest pixels, and the range of brightness of the
-    /// nearest sixteen; `None` near the photo's edge or if one of them is not opaque.
+    /// The colour at a world point, and the range of brightness around it: those at its place in the picture.
     pub(super) fn colour_of(&self, position: DVec3) -> Option<(DVec3, f64)> {
         let p = self.camera.rotation * position + self.camera.translation;
-        if p.z <= 0.0 {
-            return None;
-        }
-        let at = self.camera.project(p) - 0.5;
+        if p.z > 0.0 { self.colour_at(self.camera.project(p)) } else { None }
+    }
+
+    /// The colour at a place in pixels, interpolated between the four nearest pixels, and the range of brightness of the
+    /// nearest sixteen; `None` near the photo's edge or if one of them is not opaque.
+    pub(super) fn colour_at(&self, place: DVec2) -> Option<(DVec3, f64)> {
+        let at = place - 0.5;
         let (w, h) = (self.camera.width as usize, self.camera.height as usize);
         let inside = at.cmpge(DVec2::ONE).all() && at.x < w as f64 - 2.0 && at.y < h as f64 - 2.0;
         if !inside {

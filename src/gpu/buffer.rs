@@ -47,11 +47,12 @@ impl RawBuffer {
         location: MemoryLocation,
     ) -> Result<Self, Error> {
         let (context, size) = (device.context(), stored(bytes));
+        let bound = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER);
         if let Some(counted) = device.counted() {
-            counted.fetch_add(size, Ordering::Relaxed);
+            counted.add(name, size, bound);
             return Ok(Self::pretended(context, name, 0, 0));
         }
-        if usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && size > context.logical.info.max_buffer_bytes {
+        if bound && size > context.logical.info.max_buffer_bytes {
             return Err(Error::TooLarge {
                 name: name.to_owned(),
                 needed: size,
@@ -61,7 +62,7 @@ impl RawBuffer {
         }
         context.memory.reserve(name, size)?;
         lock(&context.traffic).buffers += 1;
-        let guarded = usage.contains(vk::BufferUsageFlags::STORAGE_BUFFER) && context.guards.is_some();
+        let guarded = bound && context.guards.is_some();
         // A guarded buffer is read and written by the host.
         let (red_zone, location) = if guarded { (red_zone::BYTES, MemoryLocation::GpuToCpu) } else { (0, location) };
         let mut made = Self::allocate(context, name, size, red_zone, usage, location);

@@ -71,7 +71,7 @@ impl Context {
             frames: Frames::default(),
             hazards: Mutex::default(),
             traffic: Mutex::default(),
-            pace: options.max_submission.or_else(|| pace::usual(info.kind)).map(Pace::new),
+            pace: options.max_submission.or_else(|| pace::usual(info.kind, cfg!(windows))).map(Pace::new),
             guards: options.harness.guarded.then(Guards::default),
             disorder: options.harness.order.map(Disorder::new),
             memory: ManuallyDrop::new(Memory::new(&allocator, info, limit)?),

@@ -10,16 +10,50 @@ use super::tuning::Tuning;
 use super::tuning::choice::TuningChoice;
 use crate::lock::lock;
 use serde::Serialize;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
 
 /// A Vulkan device, ready to run kernels; clones share it.
 #[derive(Clone)]
 pub struct Device {
     context: Arc<Context>,
     tuning: Arc<Tuning>,
-    /// Bytes of the buffers asked for, where they are only counted.
-    counted: Option<Arc<AtomicU64>>,
+    /// The buffers asked for, where they are only counted.
+    counted: Option<Arc<Counted>>,
+}
+
+/// The largest of several buffers.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LargestBuffer {
+    /// Its name in messages; empty if there is none.
+    pub name: String,
+    /// Its size in bytes.
+    pub bytes: u64,
+}
+
+/// A count of buffers that are not made.
+#[derive(Default)]
+pub(super) struct Counted {
+    bytes: AtomicU64,
+    largest: Mutex<LargestBuffer>,
+}
+
+impl Counted {
+    /// Counts a buffer of this size; `bound` is true if kernels can bind it.
+    pub fn add(&self, name: &str, bytes: u64, bound: bool) {
+        self.bytes.fetch_add(bytes, Ordering::Relaxed);
+        if bound {
+            self.compare(name, bytes);
+        }
+    }
+
+    /// Replaces the largest buffer by this one if that is larger.
+    fn compare(&self, name: &str, bytes: u64) {
+        let mut largest = lock(&self.largest);
+        if bytes > largest.bytes {
+            *largest = LargestBuffer { name: name.to_owned(), bytes };
+        }
+    }
 }
 
 /// A device as records name it: its properties and the tuning of its kernels.
@@ -130,13 +164,29 @@ impl Device {
     /// Bytes of the buffers that `make` asks for: on the device that it gets, buffers are counted and not made, and nothing
     /// runs. What it returns holds no data.
     pub fn bytes_of<T, E>(&self, make: impl FnOnce(&Self) -> Result<T, E>) -> u64 {
-        let counted = Arc::new(AtomicU64::new(0));
-        let _ = make(&Self { counted: Some(Arc::clone(&counted)), ..self.clone() });
-        counted.load(Ordering::Relaxed)
+        self.counting(make).bytes.load(Ordering::Relaxed)
     }
 
-    /// The count of bytes where nothing runs: see [`Device::bytes_of`].
-    pub(super) fn counted(&self) -> Option<&AtomicU64> {
+    /// The largest buffer among those that `make` asks for, as in [`Device::bytes_of`], and that kernels bind; estimates that
+    /// `make` calls count as well. It must not exceed [`DeviceInfo::max_buffer_bytes`].
+    pub fn largest_of<T, E>(&self, make: impl FnOnce(&Self) -> Result<T, E>) -> LargestBuffer {
+        let counted = self.counting(make);
+        lock(&counted.largest).clone()
+    }
+
+    /// The count of the buffers that `make` asks for.
+    fn counting<T, E>(&self, make: impl FnOnce(&Self) -> Result<T, E>) -> Arc<Counted> {
+        let counted = Arc::new(Counted::default());
+        let _ = make(&Self { counted: Some(Arc::clone(&counted)), ..self.clone() });
+        if let Some(outer) = self.counted() {
+            let LargestBuffer { name, bytes } = lock(&counted.largest).clone();
+            outer.compare(&name, bytes);
+        }
+        counted
+    }
+
+    /// The count of buffers where nothing runs: see [`Device::bytes_of`].
+    pub(super) fn counted(&self) -> Option<&Counted> {
         self.counted.as_deref()
     }
 

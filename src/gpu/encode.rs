@@ -28,6 +28,16 @@ pub(super) struct Encoded {
     pub pieces: usize,
 }
 
+/// The writes that the host reads after the fence: copies' results, and those of kernels where it checks what is behind buffers.
+fn written_for_host(guarded: bool) -> (vk::PipelineStageFlags, vk::AccessFlags) {
+    let (stages, access) = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
+    if guarded {
+        (stages | vk::PipelineStageFlags::COMPUTE_SHADER, access | vk::AccessFlags::SHADER_WRITE)
+    } else {
+        (stages, access)
+    }
+}
+
 /// Writes commands into a frame's command buffers, which are in their initial state. The submitter must keep the
 /// referenced resources alive.
 pub(super) struct Encoder<'a> {
@@ -98,11 +108,8 @@ impl<'a> Encoder<'a> {
             }
             self.command(command, &recording.arguments, &mut pipelines)?;
         }
-        // The host reads copies' results after the fence.
-        self.barrier(
-            (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE),
-            (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ),
-        );
+        let written = written_for_host(self.context.guards.is_some());
+        self.barrier(written, (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ));
         self.close_commands()?;
         Ok(Encoded { scopes: self.scopes, dispatches: self.dispatches, pieces: self.pieces })
     }
@@ -258,6 +265,22 @@ impl<'a> Encoder<'a> {
             } else {
                 debug.cmd_end_debug_utils_label(commands);
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Software devices would not show it: their kernels write into the host's memory.
+    #[test]
+    fn the_host_sees_what_kernels_write_behind_guarded_buffers() {
+        let kernels = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE);
+        for guarded in [false, true] {
+            let (stages, access) = written_for_host(guarded);
+            assert_eq!([stages.contains(kernels.0), access.contains(kernels.1)], [guarded; 2]);
+            assert!(access.contains(vk::AccessFlags::TRANSFER_WRITE));
         }
     }
 }

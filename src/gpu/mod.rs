@@ -41,7 +41,7 @@ pub use choose::address::{PciAddress, Uuid};
 pub use choose::select::list;
 pub use compiled::Compiled;
 pub use descriptors::Descriptors;
-pub use device::{Device, TunedDevice};
+pub use device::{Device, LargestBuffer, TunedDevice};
 pub use error::Error;
 pub use feed::Feed;
 pub use harness::{Answer, Call, Claim, Derived, Fault, Forget, Harness, Limits, Order};

@@ -28,7 +28,7 @@ pub struct DeviceOptions {
     /// folder.
     pub leases: Option<PathBuf>,
     /// The longest time of one submission: recordings are cut where kernels would take longer, by their last times. For
-    /// slow devices on systems that reset a busy driver. Default: 1 s for integrated GPUs on Windows; elsewhere each
+    /// slow devices on systems that reset a busy driver. Default: 1 s for GPUs on Windows; elsewhere each
     /// recording is one submission.
     pub max_submission: Option<Duration>,
     /// True to create pipelines and run nothing, to learn how the driver compiles them: see

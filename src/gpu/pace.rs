@@ -42,9 +42,9 @@ struct Known {
     longest_submission: f64,
 }
 
-/// The limit where none is given: half of what Windows allows, for GPUs that share the host's memory there.
-pub(super) fn usual(kind: DeviceKind) -> Option<Duration> {
-    (cfg!(windows) && kind == DeviceKind::Integrated).then_some(Duration::from_secs(1))
+/// The limit where none is given: half of what Windows allows its GPUs; it resets no driver that runs kernels on the CPU.
+pub(super) fn usual(kind: DeviceKind, windows: bool) -> Option<Duration> {
+    (windows && kind != DeviceKind::Cpu).then_some(Duration::from_secs(1))
 }
 
 impl Pace {
@@ -104,6 +104,14 @@ impl Drop for Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn windows_limits_every_gpu() {
+        let second = Some(Duration::from_secs(1));
+        let kinds = [DeviceKind::Discrete, DeviceKind::Integrated, DeviceKind::Virtual, DeviceKind::Cpu];
+        assert_eq!(kinds.map(|kind| usual(kind, true)), [second, second, second, None]);
+        assert_eq!(kinds.map(|kind| usual(kind, false)), [None; 4]);
+    }
 
     #[test]
     fn kernels_share_a_submission_while_they_fit() {

@@ -64,6 +64,22 @@ pub enum Error {
         /// A change that would make the job fit.
         relief: Relief,
     },
+    /// A job with a buffer that is larger than the device's kernels can bind.
+    #[error(
+        "{what} would need {needed} bytes in one buffer ('{name}': {gaussians} Gaussians, pictures of {width} x {height}), and {device} binds at most {there}"
+    )]
+    Buffer {
+        what: &'static str,
+        name: String,
+        gaussians: usize,
+        width: u32,
+        height: u32,
+        needed: u64,
+        there: u64,
+        device: String,
+        /// A change that would make the job fit.
+        relief: Relief,
+    },
     /// Threads that the system does not start.
     #[error("the system starts no more threads: {0}")]
     Threads(String),
@@ -100,6 +116,9 @@ pub enum Error {
     /// A new run would overwrite the checkpoint of an interrupted one.
     #[error("{} belongs to an interrupted run, which this run would overwrite", .0.display())]
     Unfinished(PathBuf),
+    /// A folder that holds a finished run, which a new one would replace.
+    #[error("{} holds a finished run", .0.display())]
+    Finished(PathBuf),
     /// Another process writes into the folder of results.
     #[error("another process is working in {}", .0.display())]
     Busy(PathBuf),
@@ -156,13 +175,20 @@ fn absent(programs: &[&str]) -> String {
     }
 }
 
-/// A change that would make a job fit into the device's memory, besides smaller photos.
+/// A change that would make a job fit the device, besides smaller photos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Relief {
     /// Nothing else.
     None,
-    /// At most this many Gaussians.
-    Gaussians(usize),
+    /// Nothing but another device, or more of its memory: an interrupted run keeps its options.
+    OtherDevice,
+    /// Fewer Gaussians, or else a lower SH degree.
+    Gaussians {
+        /// The largest number of Gaussians that fits.
+        most: usize,
+        /// The highest SH degree at which the job fits with as many Gaussians as it plans, if there is one.
+        degree: Option<u8>,
+    },
     /// A smaller initial model.
     SmallerModel,
     /// Smaller pictures of the model itself.

@@ -25,15 +25,19 @@ impl Exit {
     pub fn of(error: &Error) -> Self {
         match error {
             Error::Usage(_) | Error::NothingHeldOut(_) | Error::NothingToTrainOn(_) => Self::Usage,
-            Error::OtherRun { .. } | Error::Unfinished(_) | Error::Busy(_) | Error::AmongPhotos(_) => Self::Usage,
+            Error::OtherRun { .. }
+            | Error::Unfinished(_)
+            | Error::Finished(_)
+            | Error::Busy(_)
+            | Error::AmongPhotos(_) => Self::Usage,
             Error::NoProgram(_) | Error::NotOurs(_) | Error::Encode { .. } => Self::Usage,
             Error::Read { source, .. } if source.kind() == io::ErrorKind::OutOfMemory => Self::Resources,
             Error::Read { .. } | Error::Checkpoint { .. } | Error::Part { .. } => Self::BadInput,
             Error::LostPhoto { .. } | Error::ChangedPhoto { .. } | Error::AllHidden(_) => Self::BadInput,
             Error::Program { .. } | Error::FewPoses { .. } | Error::NothingToPose(_) => Self::BadInput,
             Error::Config { .. } | Error::Metrics(_) | Error::Diagnostics { .. } | Error::Study(_) => Self::BadInput,
-            Error::Memory { .. } | Error::Picture { .. } | Error::Threads(_) => Self::Resources,
-            Error::Write { .. } | Error::Print(_) => Self::Resources,
+            Error::Memory { .. } | Error::Buffer { .. } | Error::Picture { .. } => Self::Resources,
+            Error::Write { .. } | Error::Print(_) | Error::Threads(_) => Self::Resources,
             Error::SelfTest { .. } | Error::OtherDevice { .. } => Self::Device,
             Error::Interrupted => Self::Interrupted,
             Error::Device(e) => Self::of_device(e),

@@ -9,6 +9,7 @@ pub struct Image<'a> {
     width: usize,
     height: usize,
     pixels: &'a [f32],
+    weights: Option<&'a [f32]>,
 }
 
 impl<'a> Image<'a> {
@@ -21,7 +22,23 @@ impl<'a> Image<'a> {
         if pixels.is_empty() || wanted != Some(pixels.len()) {
             return Err(Error::Pixels { width, height, found: pixels.len() });
         }
-        Ok(Self { width, height, pixels })
+        Ok(Self { width, height, pixels, weights: None })
+    }
+
+    /// The same picture, of which masks hide some: a weight in [0, 1] for each value, not all 0. Where it is 0, nothing counts.
+    ///
+    /// # Errors
+    /// [`Error::Pixels`] for another number of weights.
+    pub fn weighted(self, weights: &'a [f32]) -> Result<Self, Error> {
+        if weights.len() != self.pixels.len() {
+            return Err(Error::Pixels { width: self.width, height: self.height, found: weights.len() });
+        }
+        Ok(Self { weights: Some(weights), ..self })
+    }
+
+    /// The weight of each value; none if all count alike.
+    pub fn weights(&self) -> Option<&'a [f32]> {
+        self.weights
     }
 
     /// Pixels per row.
@@ -51,7 +68,8 @@ pub fn round_trip_8bit(pixels: &[f32]) -> Vec<f32> {
     pixels.iter().map(|v| f32::from((v * 255.0 + 0.5) as u8) / 255.0).collect()
 }
 
-/// Peak signal-to-noise ratio in dB for the peak 1, over all pixels and channels; infinite for identical images.
+/// Peak signal-to-noise ratio in dB for the peak 1, over all pixels and channels; infinite for identical images. If `b` has weights,
+/// both pictures are already mixed with the same background by them, and the mean is over what counts.
 ///
 /// # Errors
 /// [`Error::Sizes`] if the sizes differ.
@@ -62,7 +80,9 @@ pub fn psnr(a: &Image<'_>, b: &Image<'_>) -> Result<f64, Error> {
     let rows: Vec<f64> = (a.pixels.par_chunks(row).zip(b.pixels.par_chunks(row)))
         .map(|(a, b)| a.iter().zip(b).map(|(&a, &b)| (f64::from(a) - f64::from(b)).powi(2)).sum())
         .collect();
-    let mean = rows.iter().sum::<f64>() / a.pixels.len() as f64;
+    let square = |w: &f32| f64::from(*w).powi(2);
+    let count = b.weights.map_or(a.pixels.len() as f64, |weights| weights.iter().map(square).sum());
+    let mean = rows.iter().sum::<f64>() / count;
     Ok(if mean == 0.0 { f64::INFINITY } else { -10.0 * mean.log10() })
 }
 
@@ -96,6 +116,11 @@ mod tests {
         let (a, b) = (Image::new(5, 5, &a).unwrap(), Image::new(5, 5, &b).unwrap());
         assert!((psnr(&a, &b).unwrap() - 20.0).abs() < 1e-5);
         assert_eq!(psnr(&a, &a).unwrap(), f64::INFINITY);
+        let shown: Vec<f32> = (0..75).map(|i| if i < 30 { 1.0 } else { 0.0 }).collect();
+        let mixed: Vec<f32> = shown.iter().map(|w| 0.5 + 0.1 * w).collect();
+        let hidden = Image::new(5, 5, &mixed).unwrap().weighted(&shown).unwrap();
+        assert!((psnr(&a, &hidden).unwrap() - 20.0).abs() < 1e-5, "what is hidden is no part of the mean");
+        assert!(a.weighted(&shown[1..]).is_err());
         let (black, white) = ([0.0f32; 3], [1.0f32; 3]);
         let pair = (Image::new(1, 1, &black).unwrap(), Image::new(1, 1, &white).unwrap());
         assert_eq!(psnr(&pair.0, &pair.1).unwrap(), 0.0);

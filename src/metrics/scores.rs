@@ -97,7 +97,8 @@ impl Scores {
     }
 }
 
-/// All figures of `rendered` against `truth`, both after the 8-bit round trip.
+/// All figures of `rendered` against `truth`, both after the 8-bit round trip. PSNR and SSIM are means over what the weights of
+/// `truth` let count, LPIPS over the whole pictures.
 ///
 /// # Errors
 /// [`Error::Sizes`] if the sizes differ; an image too small for LPIPS is a note.
@@ -106,6 +107,7 @@ pub fn evaluate(rendered: &Image<'_>, truth: &Image<'_>, networks: &Networks) ->
     let (a, b) = (round_trip_8bit(rendered.pixels()), round_trip_8bit(truth.pixels()));
     let a = Image::new(rendered.width(), rendered.height(), &a)?;
     let b = Image::new(truth.width(), truth.height(), &b)?;
+    let b = truth.weights().map_or(Ok(b), |weights| b.weighted(weights))?;
     let mut notes = Vec::new();
     let psnr = Some(psnr(&a, &b)?).filter(|v| v.is_finite());
     if psnr.is_none() {

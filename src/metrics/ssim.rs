@@ -21,7 +21,7 @@ pub fn window() -> [f64; 2 * RADIUS + 1] {
 }
 
 /// Mean SSIM over pixels and channels: Gaussian window 11 x 11, sigma 1.5, zeros outside the image; 1 for identical
-/// images.
+/// images. Pixels count by the weights of `b`, if it has some; windows see both pictures whole.
 ///
 /// # Errors
 /// [`Error::Sizes`] if the sizes differ.
@@ -32,7 +32,8 @@ pub fn ssim(a: &Image<'_>, b: &Image<'_>) -> Result<f64, Error> {
     }
     // Summed per row and then in order, so that the sum does not depend on the threads.
     let rows: Vec<f64> = (0..a.height()).into_par_iter().map_init(Scratch::default, |s, y| row(s, a, b, y)).collect();
-    Ok(rows.iter().sum::<f64>() / a.pixels().len() as f64)
+    let count = b.weights().map_or(a.pixels().len() as f64, |weights| weights.iter().map(|w| f64::from(*w)).sum());
+    Ok(rows.iter().sum::<f64>() / count)
 }
 
 /// Window sums down the columns, for one row with a zero border of the window's radius: x, y, xx, yy, xy.
@@ -64,12 +65,13 @@ fn row(scratch: &mut Scratch, a: &Image<'_>, b: &Image<'_>, y: usize) -> f64 {
         }
     }
     let along = |sums: &[f64], i: usize| (0..weights.len()).map(|k| weights[k] * sums[i + 3 * k]).sum::<f64>();
+    let counts = b.weights().map(|weights| &weights[y * length..(y + 1) * length]);
     (0..length)
         .map(|i| {
             let (ux, uy) = (along(ex, i), along(ey, i));
             let (a1, a2) = (2.0 * ux * uy + C1, 2.0 * (along(exy, i) - ux * uy) + C2);
             let (b1, b2) = (ux * ux + uy * uy + C1, (along(exx, i) - ux * ux) + (along(eyy, i) - uy * uy) + C2);
-            a1 * a2 / (b1 * b2)
+            a1 * a2 / (b1 * b2) * counts.map_or(1.0, |weights| f64::from(weights[i]))
         })
         .sum()
 }
@@ -107,8 +109,24 @@ mod tests {
                 let (here, there) = (ssim(&a, &b).unwrap(), twin(&a, &b));
                 assert!((here - there).abs() < 1e-12, "{width} x {height}: {here}, the twin says {there}");
             }
-            let a = Image::new(width, height, &x).unwrap();
+            let (a, b) = (Image::new(width, height, &x).unwrap(), Image::new(width, height, &y).unwrap());
             assert_eq!(ssim(&a, &a).unwrap(), 1.0);
+            let alike = vec![0.5; count];
+            let (plain, weighted) = (ssim(&a, &b).unwrap(), ssim(&a, &b.weighted(&alike).unwrap()).unwrap());
+            assert!((plain - weighted).abs() < 1e-12, "equal weights change nothing");
         }
+    }
+
+    /// Equal pictures down to row 30 of 40, and inverted ones below.
+    #[test]
+    fn weights_choose_the_pixels_that_count() {
+        let (w, h) = (20, 40);
+        let x: Vec<f32> = (0..3 * w * h).map(|i| (i * 37 % 101) as f32 / 101.0).collect();
+        let y: Vec<f32> = x.iter().enumerate().map(|(i, v)| if i < 90 * w { *v } else { 1.0 - v }).collect();
+        let top: Vec<f32> = (0..3 * w * h).map(|i| if i < 60 * w { 1.0 } else { 0.0 }).collect();
+        let rest: Vec<f32> = top.iter().map(|w| 1.0 - w).collect();
+        let (a, b) = (Image::new(w, h, &x).unwrap(), Image::new(w, h, &y).unwrap());
+        assert!((ssim(&a, &b.weighted(&top).unwrap()).unwrap() - 1.0).abs() < 1e-12);
+        assert!(ssim(&a, &b.weighted(&rest).unwrap()).unwrap() < 0.9);
     }
 }

@@ -1,4 +1,4 @@
-//! Checks that a job fits the device's memory, before its work starts.
+//! Checks that a job fits the device, before its work starts: its memory, and the buffers that its kernels can bind.
 
 use super::effects;
 use super::evaluate::Evaluator;
@@ -9,9 +9,9 @@ use super::virtual_views;
 use crate::effects::Effect;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Device, staging_bytes};
+use crate::gpu::{Device, LargestBuffer, staging_bytes};
 use crate::job::config::PruneRule;
-use crate::job::{Error, Init, Relief, RunConfig, Session, host_memory};
+use crate::job::{Error, Relief, RunConfig, Session, host_memory};
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::study;
 use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};
@@ -29,15 +29,39 @@ const MOST_BLOCKS: usize = 1024;
 /// Bytes of a pixel on the host: as it was drawn, as colours, and encoded.
 const HOST_PIXEL: u64 = 32;
 
+/// What a job needs of a device.
+#[derive(Default)]
+struct Needed {
+    /// Bytes of memory.
+    bytes: u64,
+    /// The largest buffer, as far as it decides whether the job fits.
+    largest: LargestBuffer,
+}
+
+impl From<u64> for Needed {
+    fn from(bytes: u64) -> Self {
+        Self { bytes, ..Self::default() }
+    }
+}
+
+impl Needed {
+    /// True if the device has it.
+    fn fits(&self, device: &Device) -> bool {
+        self.bytes <= device.memory_limit() && self.largest.bytes <= device.info().max_buffer_bytes
+    }
+}
+
 /// Bytes of device memory that a run will need: with the Gaussians that it plans to grow to, or four times its initial
 /// ones, or with the largest number allowed if that is less.
 ///
 /// # Errors
-/// [`Error::Memory`] if the device allows less; those of [`Session::method`].
+/// [`Error::Memory`] if the device allows less; [`Error::Buffer`] if its kernels cannot bind the run's largest buffer; those of
+/// [`Session::method`].
 pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start: &Start) -> Result<u64, Error> {
     let (device, method) = (session.device, session.method(config)?);
     let schedule = &config.schedule;
-    let grows = (1..=schedule.iterations).any(|i| schedule.densifies(i));
+    let from = if let Start::Resumed(checkpoint) = start { checkpoint.snapshot.iteration + 1 } else { 1 };
+    let grows = (from..=schedule.iterations).any(|i| schedule.densifies(i));
     // Points are thinned to the limit, a model is not; an interrupted run has noted its initial number.
     let first = match start {
         Start::Model(model) => model.len(),
@@ -64,25 +88,37 @@ pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start
         grows,
         ..TrainerNeeds::default()
     };
-    let needed = |gaussians| bytes(device, config, &fixed, gaussians, 0);
+    let needed = |gaussians| of_run(device, config, &fixed, gaussians, 0);
     let now = if matches!(start, Start::Resumed(_)) { start.len() } else { first };
-    let expected = grown.max(now);
-    let fitting = largest(expected.max(config.max_gaussians), |n| needed(n) <= device.memory_limit());
+    // What a resumed run has pruned does not grow again.
+    let expected = if matches!(start, Start::Resumed(_)) && !grows { now } else { grown.max(now) };
+    let fitting = largest(expected.max(config.max_gaussians), |n| needed(n).fits(device));
     if fitting < config.max_gaussians {
         tracing::info!("there is room for about {fitting} Gaussians");
     }
-    let relief = match fitting {
-        0 => Relief::None,
-        n if n < now && matches!(config.init, Init::Model(_)) => Relief::SmallerModel,
-        n => Relief::Gaussians(n),
+    let relief = match (start, fitting) {
+        (Start::Resumed(_), _) => Relief::OtherDevice,
+        (_, 0) => Relief::None,
+        (Start::Model(_), most) if most < now => Relief::SmallerModel,
+        (_, most) => {
+            let fits = |degree: &usize| {
+                let fixed = TrainerNeeds { degree: *degree, ..fixed.clone() };
+                of_run(device, config, &fixed, expected, 0).fits(device)
+            };
+            let degree = (start.degree()..fixed.degree).rev().find(fits);
+            Relief::Gaussians { most, degree: degree.and_then(|degree| u8::try_from(degree).ok()) }
+        }
     };
-    check(device, "the run", expected, size, needed(expected), relief)
+    // Where not even one Gaussian fits, a buffer for pictures is too large.
+    let Needed { bytes, largest } = needed(expected);
+    let largest = if fitting == 0 { needed(1).largest } else { largest };
+    check(device, "the run", expected, size, Needed { bytes, largest }, relief)
 }
 
 /// Bytes of device memory that the run of a block will need, which begins with or continues from `snapshot`.
 ///
 /// # Errors
-/// [`Error::Memory`] if the device allows less.
+/// [`Error::Memory`] if the device allows less; [`Error::Buffer`] if its kernels cannot bind the block's largest buffer.
 pub fn for_block(device: &Device, config: &RunConfig, prepared: &Prepared, snapshot: &Snapshot) -> Result<u64, Error> {
     let (schedule, tail) = (&config.schedule, snapshot.tail);
     let grows = (snapshot.iteration + 1..=schedule.iterations).any(|i| schedule.densifies(i));
@@ -91,7 +127,7 @@ pub fn for_block(device: &Device, config: &RunConfig, prepared: &Prepared, snaps
     let gaussians = if grows { planned.min(config.max_gaussians).max(now) } else { now };
     let degree = config.sh_degree.max(snapshot.model.degree());
     let fixed = TrainerNeeds { degree, grows, ..of_block(config, prepared) };
-    let needed = bytes(device, config, &fixed, gaussians, tail);
+    let needed = of_run(device, config, &fixed, gaussians, tail);
     check(device, "the block", gaussians + tail, fixed.size, needed, Relief::MoreBlocks)
 }
 
@@ -99,7 +135,7 @@ pub fn for_block(device: &Device, config: &RunConfig, prepared: &Prepared, snaps
 /// this many initial Gaussians. What a block sees of the others is taken to be twice what it trains.
 ///
 /// # Errors
-/// [`Error::Memory`] if even small blocks do not fit.
+/// [`Error::Memory`] or [`Error::Buffer`] if even small blocks do not fit.
 pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial: usize) -> Result<usize, Error> {
     let planned = config.schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(initial.saturating_mul(GROWTH));
     let whole = planned.min(config.max_gaussians).max(initial);
@@ -107,9 +143,12 @@ pub fn blocks(device: &Device, config: &RunConfig, prepared: &Prepared, initial:
     let needed = |blocks: usize| {
         let gaussians = (whole as f64 / blocks as f64 * if blocks > 1 { GROWN } else { 1.0 }).ceil() as usize;
         let tail = (2 * gaussians).min(whole.saturating_sub(gaussians));
-        bytes(device, config, &fixed, gaussians, tail)
+        let Needed { bytes, .. } = of_run(device, config, &fixed, gaussians, tail);
+        // A block has parts of photos, of a size that is not known yet.
+        let parts = TrainerNeeds { size: [1, 1], ..fixed.clone() };
+        Needed { bytes, ..of_run(device, config, &parts, gaussians, tail) }
     };
-    let fits = (1..=MOST_BLOCKS).find(|blocks| needed(*blocks) <= device.memory_limit());
+    let fits = (1..=MOST_BLOCKS).find(|blocks| needed(*blocks).fits(device));
     match fits {
         Some(blocks) => Ok(blocks),
         None => check(device, "the smallest block", whole / MOST_BLOCKS, fixed.size, needed(MOST_BLOCKS), Relief::None)
@@ -140,8 +179,8 @@ fn of_block(config: &RunConfig, prepared: &Prepared) -> TrainerNeeds {
     }
 }
 
-/// Bytes of a run with these numbers of Gaussians, trained and seen.
-fn bytes(device: &Device, config: &RunConfig, fixed: &TrainerNeeds, gaussians: usize, tail: usize) -> u64 {
+/// The needs of a run with these numbers of Gaussians, trained and seen.
+fn of_run(device: &Device, config: &RunConfig, fixed: &TrainerNeeds, gaussians: usize, tail: usize) -> Needed {
     let needs = TrainerNeeds {
         gaussians,
         tail,
@@ -150,7 +189,10 @@ fn bytes(device: &Device, config: &RunConfig, fixed: &TrainerNeeds, gaussians: u
         evaluation: Evaluator::bytes(device, gaussians + tail, fixed.size, fixed.style),
         ..fixed.clone()
     };
-    Trainer::bytes(device, &needs)
+    let bytes = Trainer::bytes(device, &needs);
+    // Renderers begin with these lists, and grow only where pictures need it.
+    let needs = TrainerNeeds { pairs: pair_capacity::initial(device, gaussians + tail), ..needs };
+    Needed { bytes, largest: Trainer::largest_buffer(device, &needs) }
 }
 
 /// Location of a job's model.
@@ -297,14 +339,19 @@ fn check(
     what: &'static str,
     gaussians: usize,
     [width, height]: [u32; 2],
-    needed: u64,
+    needed: impl Into<Needed>,
     relief: Relief,
 ) -> Result<u64, Error> {
-    let there = device.memory_limit();
-    if needed <= there {
-        tracing::info!("{what} needs about {needed} bytes of device memory, of {there}");
-        return Ok(needed);
-    }
+    let Needed { bytes: needed, largest: LargestBuffer { name, bytes } } = needed.into();
+    let (there, binds) = (device.memory_limit(), device.info().max_buffer_bytes);
     let device = device.info().name.clone();
-    Err(Error::Memory { what, gaussians, width, height, needed, there, device, relief })
+    if needed > there {
+        return Err(Error::Memory { what, gaussians, width, height, needed, there, device, relief });
+    }
+    if bytes > binds {
+        let (needed, there) = (bytes, binds);
+        return Err(Error::Buffer { what, name, gaussians, width, height, needed, there, device, relief });
+    }
+    tracing::info!("{what} needs about {needed} bytes of device memory, of {there}");
+    Ok(needed)
 }

@@ -21,6 +21,8 @@ pub struct RunNotes {
     pub prunes: Vec<PruneRecord>,
     /// Seconds of training and pruning so far.
     pub seconds: f64,
+    /// Seconds of the whole run so far; 0 in checkpoints of earlier versions.
+    pub elapsed: f64,
     /// Gaussians at the start.
     pub initial: usize,
     /// Names of the training photos; none in checkpoints of earlier versions.
@@ -39,6 +41,7 @@ impl RunNotes {
             ("curve", serde_json::to_string(&self.curve)?),
             ("prunes", serde_json::to_string(&self.prunes)?),
             ("seconds", serde_json::to_string(&self.seconds)?),
+            ("elapsed", serde_json::to_string(&self.elapsed)?),
             ("initial", serde_json::to_string(&self.initial)?),
             ("photos", serde_json::to_string(&self.photos)?),
             ("contents", serde_json::to_string(&self.contents)?),
@@ -80,12 +83,13 @@ impl RunNotes {
             curve: json("curve", text("curve")?)?,
             prunes: json("prunes", text("prunes")?)?,
             seconds: json("seconds", text("seconds")?)?,
+            elapsed: notes.get("elapsed").map_or(Ok(0.0), |text| json("elapsed", text))?,
             initial: json("initial", text("initial")?)?,
             photos: notes.get("photos").map_or(Ok(Vec::new()), |text| json("photos", text))?,
             contents: notes.get("contents").map_or(Ok(BTreeMap::new()), |text| json("contents", text))?,
             trial: notes.get("trial").map_or(Ok(None), |text| json("trial", text))?,
         };
-        let known = ["config", "curve", "prunes", "seconds", "initial", "photos", "contents", "trial"];
+        let known = ["config", "curve", "prunes", "seconds", "elapsed", "initial", "photos", "contents", "trial"];
         match notes.keys().find(|name| !known.contains(&name.as_str()) && !OWN_NOTES.contains(&name.as_str())) {
             Some(name) => Err(format!("the note '{name}' is unknown")),
             None => Ok(read),

@@ -2,7 +2,7 @@
 
 use super::prepare::Prepared;
 use crate::depth_maps;
-use crate::effects::{self, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
+use crate::effects::{self, Agreement, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
 use crate::job::records::{CameraErrors, Trial};
@@ -33,6 +33,11 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
 /// Decides on the effects of a scene on disk, and returns everything that a run would leave out of it or say about it, damaged photos
 /// included.
 pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
+    examine(scene).map(|(decisions, skipped, _)| (decisions, skipped))
+}
+
+/// The same as [`of_scene`], and what the photos tell about their names and poses.
+pub fn examine(scene: &Scene) -> Result<(Vec<Decision>, Skipped, Agreement), Error> {
     let mut scene = scene.clone();
     // Without any photo the detectors still name what is missing.
     let _ = scene.require_photos();
@@ -43,13 +48,12 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
     let loaded = load_photos(&views, &options, &|_| ())?;
     let mut skipped = scene.skipped.clone();
     skipped.add_loaded(&loaded, &views);
-    let (mut train, mut photos) = (Vec::new(), Vec::new());
-    for view in split {
-        if let Ok(photo) = &loaded.photos[view] {
-            train.push(view);
-            photos.push(Thumbnail::of(photo).map_err(train::Error::Photos)?);
-        }
-    }
+    let small = loaded.photos.par_iter().map(|photo| photo.as_ref().ok().map(Thumbnail::of).transpose());
+    let mut thumbnails: Vec<Option<Thumbnail>> = small.collect::<io::Result<_>>().map_err(train::Error::Photos)?;
+    drop(loaded);
+    let agreement = Agreement::of(&scene, &thumbnails);
+    let kept = split.into_iter().filter_map(|view| Some((view, thumbnails[view].take()?)));
+    let (train, photos): (Vec<usize>, Vec<Thumbnail>) = kept.unzip();
     let maps = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH));
     skipped.notes.extend(maps.notes);
     let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
@@ -66,7 +70,7 @@ pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
             d.evidence += &format!("; a run begins with a trial of {length} iterations that decides");
         }
     }
-    Ok((decisions, skipped))
+    Ok((decisions, skipped, agreement))
 }
 
 /// Decides on view dependence for a model without photos: the SH bands that change a colour by 1/255 or more.

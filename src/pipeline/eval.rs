@@ -57,7 +57,7 @@ pub fn eval(
     drop((evaluator, shown));
     let held_out: Vec<_> = prepared.test.iter().map(|(_, photo)| photo).collect();
     let camera_errors = camera_errors(session, model, &held_out, prepared.settings(*style), *exposure)?;
-    if let Some(note) = camera_errors.and_then(|errors| errors.note(true)) {
+    if let Some(note) = camera_errors.and_then(|errors| errors.note(None, true)) {
         watcher.note(&note);
     }
     let protocol = protocol(selection, &prepared, networks, *exposure);

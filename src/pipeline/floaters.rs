@@ -47,15 +47,16 @@ pub fn by_photos(
     let mut found = vec![None; model.len()];
     // Each round measures what the last one left; where that removed nothing, its evidence still holds.
     let mut numbers: Vec<usize> = (0..model.len()).collect();
-    let (mut measured, mut exposures) = (None, None);
+    let exposures = {
+        let shown = DrawSource::new(session, &left, place.whole)?;
+        fit_exposures(session, shown.source(), &prepared.train, settings)?
+    };
+    let mut measured = None;
     for round in 0..Evidence::ROUNDS {
         let evidence = if let Some(evidence) = measured.take() {
             evidence
         } else {
             let shown = DrawSource::new(session, &left, place.whole)?;
-            if round == 0 {
-                exposures = fit_exposures(session, shown.source(), &prepared.train, settings)?;
-            }
             of_photos(session, &left, shown.source(), (prepared.train.as_slice(), exposures.clone()), settings)?
         };
         let reasons: Vec<Option<Reason>> = if round + 1 == Evidence::ROUNDS {

@@ -34,11 +34,18 @@ pub struct Setup<'a> {
     pub cameras: Option<[f32; 3]>,
     /// Start time of the job.
     pub begun: Instant,
+    /// Seconds of the run's earlier parts, if it was interrupted.
+    pub earlier_s: f64,
     /// Seconds until the photos were loaded.
     pub load_s: f64,
 }
 
 impl<'a> Setup<'a> {
+    /// Seconds of the whole run so far.
+    pub fn elapsed(&self) -> f64 {
+        self.earlier_s + self.begun.elapsed().as_secs_f64()
+    }
+
     /// Opens the scene of `config`, checks that a run on it fits the device, decodes its photos and decides on its effects.
     /// Also returns the initial state of training: with `resume`, the checkpoint in `output`, if there is one.
     pub fn load(
@@ -82,6 +89,7 @@ impl<'a> Setup<'a> {
             watcher.note(&format!("{key} = true in the configuration has no effect: [effects] and the scene decide"));
         }
         let config = RunConfig { tuning: Some(device.tuning().clone()), ..decided };
+        let earlier_s = if let Start::Resumed(checkpoint) = &start { checkpoint.notes.elapsed } else { 0.0 };
         let (load_s, exposures) = (begun.elapsed().as_secs_f64(), Exposures::Learnt(gains));
         let setup = Self {
             session: *session,
@@ -93,6 +101,7 @@ impl<'a> Setup<'a> {
             exposures,
             cameras: None,
             begun,
+            earlier_s,
             load_s,
         };
         Ok((setup, start))

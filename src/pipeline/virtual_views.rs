@@ -61,12 +61,16 @@ impl VirtualCameras {
         (self.views as usize).div_ceil(HOLD_OUT)
     }
 
-    /// Views of the model, rendered in a style over a background of red, green and blue.
+    /// Views around the model, rendered in a style over a background of red, green and blue.
     pub fn views(&self, model: &Gaussians, background: [f32; 3], style: Style) -> VirtualViews {
-        let outline = outline(model, self.up);
-        let (around, nearest) = self.around(&outline);
+        self.outlined(model, background, style).0
+    }
+
+    /// The same, and for training the views that look outwards where those around the model do not frame it.
+    pub fn framing_views(&self, model: &Gaussians, background: [f32; 3], style: Style) -> VirtualViews {
+        let (views, outline, nearest) = self.outlined(model, background, style);
         let trained: Vec<&Camera> =
-            (0..).zip(&around).filter(|(i, _)| !is_held_out(*i)).map(|(_, camera)| camera).collect();
+            (0..).zip(&views.around).filter(|(i, _)| !is_held_out(*i)).map(|(_, camera)| camera).collect();
         let visible = |i: &usize| opacity(model.opacity_logits[*i]) >= ALPHA_MIN;
         let framed = |i: usize| {
             let mean = DVec3::from_array(model.means[i].map(f64::from));
@@ -77,9 +81,17 @@ impl VirtualCameras {
         let [all, unframed] = (0..model.len()).into_par_iter().filter(visible).map(count).reduce(|| [0; 2], sums);
         let outward =
             if unframed as f64 > UNFRAMED * all as f64 { self.outward(&outline, nearest) } else { Vec::new() };
+        VirtualViews { outward, ..views }
+    }
+
+    /// Views around the model, its outline, and the least distance of a camera from its centre.
+    fn outlined(&self, model: &Gaussians, background: [f32; 3], style: Style) -> (VirtualViews, Outline, f64) {
+        let outline = outline(model, self.up);
+        let (around, nearest) = self.around(&outline);
         let settings = style.over(background);
         // A model in small units must not lie in front of the near plane.
-        VirtualViews { around, outward, settings: Settings { near: near_at(settings.near, nearest), ..settings } }
+        let settings = Settings { near: near_at(settings.near, nearest), ..settings };
+        (VirtualViews { around, outward: Vec::new(), settings }, outline, nearest)
     }
 
     /// Cameras that look away from the model's centre, from this distance: together they see all that is beyond ten times as far.
@@ -257,7 +269,7 @@ mod tests {
         };
         let ball = (0..500).map(|i| point(i, 1.0));
         let views = |means: Vec<[f32; 3]>| {
-            VirtualCameras::default().views(&Gaussians::balls(means, -4.0, 3.0, 0), [0.0; 3], Style::default())
+            VirtualCameras::default().framing_views(&Gaussians::balls(means, -4.0, 3.0, 0), [0.0; 3], Style::default())
         };
         assert!(views(ball.clone().collect()).outward.is_empty());
         for radius in [40.0, 400.0] {

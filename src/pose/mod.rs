@@ -104,8 +104,9 @@ impl Posed {
 /// an interrupted job resumes where it stopped.
 ///
 /// # Errors
-/// [`Error::NoProgram`]; [`Error::Usage`] for subfolders or panoramas with OpenMVG-rs, or a rig that is not there; [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::NotOurs`] for a folder
-/// that holds something else; [`Error::Interrupted`]; files that cannot be read or written.
+/// [`Error::NoProgram`]; [`Error::Usage`] for subfolders or panoramas with OpenMVG-rs, or a rig that is not there;
+/// [`Error::Program`] for one that fails; [`Error::FewPoses`]; [`Error::Scene`] for a video that cannot be used or gives too few
+/// poses; [`Error::NotOurs`] for a folder that holds something else; [`Error::Interrupted`]; files that cannot be read or written.
 pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher) -> Result<Posed, Error> {
     let source = Source::of(input, options.frames);
     let rig = if options.panoramas { None } else { source.rig(options.rig)? };
@@ -126,6 +127,9 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
             input.display()
         )));
     }
+    if folder.photos().is_empty() {
+        source.check(watcher)?;
+    }
     let hint = if options.panoramas { None } else { source.hint(rig.as_ref()) };
     for line in source.told().into_iter().chain(hint) {
         watcher.note(&line);
@@ -144,7 +148,7 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
     }
     let photos = folder.photos().len();
     if photos < FEWEST {
-        return Err(Error::FewPoses { photos, posed: 0, sequential: false });
+        return Err(source.advised(Error::FewPoses { photos, posed: 0, sequential: false }));
     }
     match backend {
         Backend::Openmvg => openmvg::run(&folder, watcher)?,
@@ -153,7 +157,7 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
         }
     }
     watcher.progress(Stage::Poses, photos, photos);
-    let posed = parts::choose(&folder)?;
+    let posed = parts::choose(&folder).map_err(|error| source.advised(error))?;
     folder.finish(&posed)?;
     Ok(posed)
 }

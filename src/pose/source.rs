@@ -1,12 +1,13 @@
 //! The photos or the video that poses are estimated for.
 
-use super::Watcher;
 use super::folder::{Folder, Key};
 use super::rig::{self, Rig};
 use super::video;
+use super::{FEWEST, Watcher};
 use crate::extension::has_extension;
 use crate::job::Error;
-use crate::scene::{Names, PhotoTree, in_eight_bits, is_video_name, masks_of};
+use crate::scene::{self, Names, PhotoTree, in_eight_bits, is_video_name, masks_of};
+use crate::wording::counted;
 use image::ImageFormat;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
@@ -32,6 +33,34 @@ impl Source {
             return Self::Video { file: input.to_owned(), frames };
         }
         Self::Photos { folder: input.to_owned(), tree: PhotoTree::of(input) }
+    }
+
+    /// Refuses a video that no frames can be taken from.
+    pub fn check(&self, watcher: &dyn Watcher) -> Result<(), Error> {
+        match self {
+            Self::Photos { .. } => Ok(()),
+            Self::Video { file, .. } => video::check(file, watcher),
+        }
+    }
+
+    /// The same error, with advice on videos where too few of a video's frames have poses.
+    pub fn advised(&self, error: Error) -> Error {
+        match (self, error) {
+            (Self::Video { file, frames }, Error::FewPoses { photos, posed, sequential }) => {
+                let what = if photos < FEWEST {
+                    format!("it gives {}, and poses need {FEWEST}: film longer", counted(photos, "sharp frame"))
+                } else {
+                    let pairs = if sequential { "; --matching exhaustive compares more pairs" } else { "" };
+                    let more = if photos >= *frames { ", or raise --frames" } else { "" };
+                    format!(
+                        "poses were found for {posed} of its {photos} frames, too few for a scene: film longer while you walk \
+                         slowly around the scene{more}{pairs}"
+                    )
+                };
+                scene::Error::Instead { path: file.clone(), what }.into()
+            }
+            (_, error) => error,
+        }
     }
 
     /// The rigs that took the photos: those of a file beside them, or, if `asked`, folders with photos of the same names.

@@ -3,7 +3,8 @@
 use super::child::{self, Grey, Output, Said, on_path};
 use super::folder::Folder;
 use crate::job::{Error, Stage, Watcher};
-use crate::scene::median;
+use crate::scene::{self, median};
+use crate::wording::counted;
 use std::fs;
 use std::path::Path;
 
@@ -20,19 +21,42 @@ const LONGEST: usize = 8000;
 /// Frames per second of a video that does not say.
 const RATE: f64 = 30.0;
 
+/// Refuses a file that holds no video, before anything is written for it.
+///
+/// # Errors
+/// [`Error::NoProgram`]; [`scene::Error::Instead`] for such a file; [`Error::Interrupted`].
+pub(super) fn check(video: &Path, watcher: &dyn Watcher) -> Result<(), Error> {
+    let missing: Vec<&str> = [FFMPEG, FFPROBE].into_iter().filter(|program| !on_path(program)).collect();
+    if !missing.is_empty() {
+        return Err(Error::NoProgram(missing));
+    }
+    let unusable = |what: String| Error::from(scene::Error::Instead { path: video.to_owned(), what });
+    let log = tempfile::NamedTempFile::new();
+    let log = log.map_err(|source| Error::Write { path: std::env::temp_dir(), source })?;
+    match Facts::read(&url(video), log.path(), watcher) {
+        Ok(facts) if facts.is_video => Ok(()),
+        Ok(_) => Err(unusable("it holds no video stream: give another file, or a folder of photos".to_owned())),
+        Err(Error::Program { last, .. }) => {
+            let said = if last.is_empty() { String::new() } else { format!(" ({last})") };
+            Err(unusable(format!("it is empty, cut short, or no video{said}: copy or export it again")))
+        }
+        Err(other) => Err(other),
+    }
+}
+
+/// The video's name for ffmpeg, to which a name with a colon would be a protocol.
+fn url(video: &Path) -> String {
+    format!("file:{}", video.display())
+}
+
 /// Chooses sharp frames of a video, at most `most` of them, and writes them into the folder of images; returns their
 /// names, which hold the number of the frame in the video.
 ///
 /// # Errors
 /// [`Error::NoProgram`]; [`Error::Program`]; [`Error::Write`]; [`Error::Interrupted`].
 pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn Watcher) -> Result<Vec<String>, Error> {
-    let missing: Vec<&str> = [FFMPEG, FFPROBE].into_iter().filter(|program| !on_path(program)).collect();
-    if !missing.is_empty() {
-        return Err(Error::NoProgram(missing));
-    }
     let log = folder.log();
-    // A name with a colon would be a protocol.
-    let file = format!("file:{}", video.display());
+    let file = url(video);
     let facts = Facts::read(&file, &log, watcher)?;
     if ["arib-std-b67", "smpte2084"].contains(&facts.transfer.as_str()) {
         watcher.note("the video has a high dynamic range (HLG or PQ): its colours will look flat; record without HDR");
@@ -79,7 +103,7 @@ pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn 
         fs::rename(taken.join(format!("{i:06}.jpg")), folder.images().join(name)).map_err(unwritten)?;
     }
     let _ = fs::remove_dir_all(&taken);
-    watcher.note(&format!("{} sharp frames out of {}", names.len(), sharpness.len()));
+    watcher.note(&format!("{} out of {}", counted(names.len(), "sharp frame"), sharpness.len()));
     Ok(names)
 }
 
@@ -132,6 +156,8 @@ struct Facts {
     frames: usize,
     /// Transfer characteristics of the colours.
     transfer: String,
+    /// False if the file has no stream of pictures.
+    is_video: bool,
 }
 
 impl Facts {
@@ -152,7 +178,8 @@ impl Facts {
             (rate.is_finite() && rate > 0.0).then_some(rate)
         });
         let frames = value("nb_frames").parse().unwrap_or(0);
-        Ok(Self { rate: rate.unwrap_or(RATE), frames, transfer: value("color_transfer").to_owned() })
+        let is_video = !value("avg_frame_rate").is_empty();
+        Ok(Self { rate: rate.unwrap_or(RATE), frames, transfer: value("color_transfer").to_owned(), is_video })
     }
 }
 

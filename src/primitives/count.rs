@@ -14,15 +14,33 @@ pub struct Count {
 }
 
 impl Count {
-    /// A count of at most `limit`; dispatches may take `WORKGROUP` or any of up to three `sizes` elements per group.
+    /// A count of at most `limit`, at first 0; dispatches may take `WORKGROUP` or any of up to three `sizes` elements per
+    /// group. Waits for the device.
     ///
     /// # Panics
     /// If there are more than three sizes.
     pub fn new(device: &Device, name: &str, limit: u32, sizes: &[u32]) -> Result<Self> {
+        let made = Self::unset(device, name, limit, sizes)?;
+        let mut recording = Recording::new();
+        made.reset(&mut recording);
+        device.run(recording)?;
+        Ok(made)
+    }
+
+    /// Like [`Count::new`], but without a wait: the count is undefined until it is set, and the largest requested so far until
+    /// [`Count::reset`] is recorded.
+    ///
+    /// # Panics
+    /// If there are more than three sizes.
+    pub fn unset(device: &Device, name: &str, limit: u32, sizes: &[u32]) -> Result<Self> {
         let mut all = [WORKGROUP; 4];
         all[1..=sizes.len()].copy_from_slice(sizes);
-        let value = device.upload(name, &[0, 0])?;
-        Ok(Self { value, arguments: device.buffer(name, 12)?, sizes: all, limit })
+        Ok(Self { value: device.buffer(name, 2)?, arguments: device.buffer(name, 12)?, sizes: all, limit })
+    }
+
+    /// Records that the count is 0, and was never requested to be larger. Sizes of dispatches follow once it is set.
+    pub fn reset(&self, recording: &mut Recording) {
+        recording.update(&self.value, &[0, 0]);
     }
 
     /// Bytes of a count on the device.
@@ -32,9 +50,10 @@ impl Count {
 
     /// A count that the host knows.
     pub fn known(device: &Device, name: &str, count: u32, sizes: &[u32]) -> Result<Self> {
-        let made = Self::new(device, name, u32::MAX, sizes)?;
+        let made = Self::unset(device, name, u32::MAX, sizes)?;
         let mut recording = Recording::new();
-        made.set(&mut recording, count);
+        recording.update(&made.value, &[count, 0]);
+        made.size_dispatches(&mut recording);
         device.run(recording)?;
         Ok(made)
     }
@@ -47,6 +66,10 @@ impl Count {
     /// Sets the count from the host, and the dispatch sizes that follow from it.
     pub fn set(&self, recording: &mut Recording, count: u32) {
         recording.update(&self.value, &[count]);
+        self.size_dispatches(recording);
+    }
+
+    fn size_dispatches(&self, recording: &mut Recording) {
         let kernel = Arguments {
             value: &self.value,
             arguments: &self.arguments,

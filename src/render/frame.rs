@@ -108,11 +108,12 @@ pub(super) struct PairBuffers {
 }
 
 impl PairBuffers {
+    /// Buffers whose contents are undefined: the count must be reset before the first picture.
     pub fn new(device: &Device, capacity: u32, uses: Uses) -> Result<Self> {
         let n = capacity as usize;
         let sizes = [Sort::block(device, capacity)];
         Ok(Self {
-            count: Count::new(device, "pairs", capacity, &sizes)?,
+            count: Count::unset(device, "pairs", capacity, &sizes)?,
             by_tile: Pairs::new(device, "pairs by tile", capacity)?,
             owners: device.buffer("pair owners", n)?,
             sort: Sort::new(device, capacity)?,
@@ -128,6 +129,7 @@ impl Frame {
         self.starts.len() - 1
     }
 
+    /// Buffers whose contents are undefined, see [`PairBuffers::new`].
     pub fn new(device: &Device, gaussians: usize, pixels: usize, tiles: usize, pairs: u32, uses: Uses) -> Result<Self> {
         let n = gaussians.max(1);
         let sizes = [Scan::block(device), Sort::block(device, n as u32)];
@@ -142,7 +144,7 @@ impl Frame {
             offsets: device.buffer("offsets", n)?,
             first_slots: device.buffer("first slots", n)?,
             gradient_rows: device.buffer("gradient rows", uses.gradients(n))?,
-            visible_count: Count::new(device, "visible", n as u32, &sizes)?,
+            visible_count: Count::unset(device, "visible", n as u32, &sizes)?,
             by_depth: Pairs::new(device, "by depth", n as u32)?,
             scan: Scan::new(device, n as u32)?,
             depth_sort: Sort::new(device, n as u32)?,

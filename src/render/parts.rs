@@ -205,8 +205,8 @@ impl<'a> Parts<'a> {
                 return Ok(too_many);
             }
             loop {
-                renderer.draw(part.model, &part.camera)?;
-                match renderer.settle()? {
+                let (_, pairs) = renderer.draw_counted(part.model, &part.camera)?;
+                match renderer.settle(pairs)? {
                     Settled::Drawn => break,
                     Settled::Grown => {}
                     Settled::TooMany(error) => return Ok(Outcome::TooMany(error)),

@@ -82,7 +82,11 @@ impl Renderer {
         let tiles = tiles(launch.tuning.tile, [width, height]);
         let uses = Uses { purpose, responses: purpose == Purpose::Scores, style: settings.style };
         let frame = Frame::new(device, gaussians, width as usize * height as usize, tiles, pairs, uses)?;
-        Ok(Self { device: device.clone(), launch, frame, gaussians, uses })
+        let renderer = Self { device: device.clone(), launch, frame, gaussians, uses };
+        let mut recording = Recording::new();
+        renderer.reset_overflow(&mut recording);
+        device.run(recording)?;
+        Ok(renderer)
     }
 
     /// Bytes of a renderer with room for the given numbers of Gaussians and pairs, and one `width` x `height` picture.
@@ -143,8 +147,7 @@ impl Renderer {
     pub fn render_timed(&mut self, model: &Resident, camera: &Camera) -> Result<(Image, Timings, u32)> {
         self.make_room(model, camera)?;
         loop {
-            let timings = self.draw(model, camera)?;
-            let pairs = self.pairs()?;
+            let (timings, pairs) = self.draw_counted(model, camera)?;
             if !self.make_room_for_pairs(pairs)? {
                 return Ok((self.read_image(camera)?, timings, pairs));
             }
@@ -157,9 +160,9 @@ impl Renderer {
         Ok(Image { width: camera.width, height: camera.height, pixels })
     }
 
-    /// Checks whether the pairs of the last picture fitted, and grows the pair buffers if possible.
-    pub fn settle(&mut self) -> Result<Settled> {
-        match self.make_room_for_pairs(self.pairs()?) {
+    /// Checks whether a picture's `pairs` fitted, and grows the pair buffers if possible.
+    pub fn settle(&mut self, pairs: u32) -> Result<Settled> {
+        match self.make_room_for_pairs(pairs) {
             Ok(grown) => Ok(if grown { Settled::Grown } else { Settled::Drawn }),
             Err(error) if error.is_resources() => Ok(Settled::TooMany(error)),
             Err(error) => Err(error),
@@ -168,10 +171,29 @@ impl Renderer {
 
     /// Draws into device memory without reading anything back; benchmarks time this.
     pub fn draw(&self, model: &Resident, camera: &Camera) -> Result<Timings> {
+        self.device.run(self.drawing(model, camera))
+    }
+
+    /// Draws as [`Renderer::draw`] does, and returns what [`Renderer::run`] returns.
+    pub(super) fn draw_counted(&self, model: &Resident, camera: &Camera) -> Result<(Timings, u32)> {
+        self.run(self.drawing(model, camera))
+    }
+
+    fn drawing(&self, model: &Resident, camera: &Camera) -> Recording {
         let mut recording = Recording::new();
         self.reset_overflow(&mut recording);
         self.record(&mut recording, model, camera);
-        self.device.run(recording)
+        recording
+    }
+
+    /// Runs the recording of a picture. Returns the time of its scopes, and the picture's number of (tile, Gaussian) pairs,
+    /// even if they did not fit: one wait brings both.
+    pub fn run(&self, recording: Recording) -> Result<(Timings, u32)> {
+        let pairs = &self.frame.pairs.count.value;
+        let mut seen = self.device.readback("pairs seen", pairs.len())?;
+        seen.submit(&self.device, recording, &[(pairs, pairs.len())])?;
+        let (words, timings) = seen.wait()?;
+        Ok((timings, words[1]))
     }
 
     /// Number of (tile, Gaussian) pairs of the last picture, even if they did not fit.
@@ -179,7 +201,8 @@ impl Renderer {
         Ok(self.frame.pairs.count.value.read(&self.device)?[1])
     }
 
-    /// Makes room for a model and a picture, which may need nearly all of the device: the old buffers are freed first.
+    /// Makes room for a model and a picture, which may need nearly all of the device: the old buffers are freed first. The
+    /// next recording begins with [`Renderer::reset_overflow`].
     pub fn make_room(&mut self, model: &Resident, camera: &Camera) -> Result<()> {
         let pixels = camera.width as usize * camera.height as usize;
         let (had, tiles) = (self.frame.image.len(), self.tiles(camera));
@@ -200,7 +223,8 @@ impl Renderer {
         Ok(released)
     }
 
-    /// Restores room for pictures and pairs as before [`Renderer::release`], and for `gaussians` Gaussians.
+    /// Restores room for pictures and pairs as before [`Renderer::release`], and for `gaussians` Gaussians. The next recording
+    /// begins with [`Renderer::reset_overflow`].
     pub fn restore(&mut self, released: Released, gaussians: usize) -> Result<()> {
         self.rebuild(gaussians, released.pixels, released.tiles, released.pairs)
     }
@@ -211,10 +235,10 @@ impl Renderer {
         Ok(())
     }
 
-    /// Records the reset of the pair buffers' overflow. If pairs do not fit from then on, all later iterations have no
-    /// effect.
+    /// Records the reset of the pair buffers' overflow, which is undefined in buffers that were made anew. If pairs do not fit
+    /// from then on, all later iterations have no effect.
     pub fn reset_overflow(&self, recording: &mut Recording) {
-        recording.update(&self.frame.pairs.count.value, &[0, 0]);
+        self.frame.pairs.count.reset(recording);
     }
 
     pub(super) fn tiles(&self, camera: &Camera) -> usize {
@@ -252,7 +276,7 @@ impl Renderer {
     }
 
     /// Makes room for at least `pairs` pairs. Returns true if the buffers were replaced, which invalidates earlier
-    /// recordings.
+    /// recordings; the next one begins with [`Renderer::reset_overflow`].
     pub fn make_room_for_pairs(&mut self, pairs: u32) -> Result<bool> {
         let grow = pairs > self.frame.pairs.count.limit();
         if grow {

@@ -1,8 +1,9 @@
-//! The page of a compression: its figures, the held-out views, and statistics of the blocks.
+//! The page of a compression: its figures, the held-out views, its time, and statistics of the blocks.
 
 use super::format::{NONE, bytes, count, decimals, percent, seconds};
 use super::page::Column::{self, Number, Text};
-use super::page::{self, Said, Section, Tile, absent, facts, list, table, tiles};
+use super::page::{self, Said, Section, Tile, absent, facts, list, side_by_side, table, tiles};
+use super::plot::{Bar, bars};
 use super::run::{blocks, pruning};
 use crate::job::records::{Aim, AimRecord, CompressRecord, Point, StageScores, Truth};
 use crate::metrics::Scores;
@@ -21,8 +22,9 @@ pub fn page(record: &CompressRecord) -> String {
         Section::new("summary", "Summary", summary(record)),
         Section::new("views", "Held-out views", views(record)),
         Section::new("pruning", "Pruning", pruning::one(&record.prune)),
-        Section::new("blocks", "What the blocks say", blocks::body(from_ref(&record.prune))),
     ];
+    sections.extend(blocks::section(from_ref(&record.prune)));
+    sections.push(Section::new("time", "Time", time(record)));
     if let Some(aim) = &record.aim {
         sections.insert(1, Section::new("search", "Search", search(aim)));
     }
@@ -66,6 +68,38 @@ fn summary(record: &CompressRecord) -> Markup {
     ])
 }
 
+/// The parts of a compression's time with their names, without those that took none. The last one is what the others leave of the total:
+/// reading, packing and writing files, and a search for a file.
+pub fn parts(record: &CompressRecord) -> Vec<(&'static str, f64)> {
+    let time = &record.time;
+    let truth = match record.protocol.truth {
+        Truth::Photos => "photos",
+        Truth::OwnPictures => "pictures of the original",
+    };
+    // A search merges anew for every file that it tries.
+    let (choice, rest) = match record.aim {
+        None => (time.keep_mask_s + time.merge_s, "files"),
+        Some(_) => (0.0, "search and files"),
+    };
+    let mut parts = vec![
+        (truth, time.truth_s),
+        ("responses", time.responses_s),
+        ("choice and merging", choice),
+        ("fine-tuning", time.fine_tune_s),
+        ("scores", time.evaluate_s),
+    ];
+    let known: f64 = parts.iter().map(|(_, s)| s).sum();
+    parts.push((rest, (time.total_s - known).max(0.0)));
+    parts.retain(|(_, s)| *s > 0.0);
+    parts
+}
+
+fn time(record: &CompressRecord) -> Markup {
+    let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };
+    let all: Vec<Bar> = parts(record).into_iter().map(bar).collect();
+    side_by_side(&[bars(&format!("The whole compression: {}", seconds(record.time.total_s)), &all)])
+}
+
 /// The target, the choice and the files tried.
 fn search(record: &AimRecord) -> Markup {
     let AimRecord { aim, chosen, rungs, tried, .. } = record;
@@ -101,5 +135,9 @@ fn views(record: &CompressRecord) -> Markup {
     let rows: Vec<Vec<String>> = record.views.iter().map(|view| row(&view.name, &view.scores)).collect();
     let columns: Vec<Column<'_>> =
         std::iter::once(Text("view")).chain(STAGES.iter().map(|(name, _)| Number(name))).collect();
-    table(&columns, &rows, Some(&row("mean", &record.test)))
+    let both = format!("qirf-vk view {} --against {}", record.output.path.display(), record.input.path.display());
+    html! {
+        (table(&columns, &rows, Some(&row("mean", &record.test))))
+        p class="hint" { "Pictures of both models, with a slider between them: " code { (both) } }
+    }
 }

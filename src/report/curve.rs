@@ -5,6 +5,7 @@ use super::page::Column::{self, Number, Text};
 use super::page::{self, Section, list, table};
 use super::plot::{Axis, Drawing, Line, Lines};
 use crate::job::records::{CurveRecord, FileRecord};
+use crate::metrics::Scores;
 use maud::Markup;
 
 /// The whole page.
@@ -43,7 +44,7 @@ pub fn drawing(record: &CurveRecord, title: &str) -> Drawing {
             .files
             .iter()
             .filter(|file| name(file) == *line)
-            .filter_map(|file| Some([file.bytes as f64 / 1e6, file.scores.psnr?]))
+            .filter_map(|file| Some([file.bytes as f64 / 1e6, psnr(&file.scores)?]))
             .collect();
         points.sort_by(|a, b| a[0].total_cmp(&b[0]));
         points
@@ -53,7 +54,16 @@ pub fn drawing(record: &CurveRecord, title: &str) -> Drawing {
     Lines { title, x, y, lines, marks: Vec::new() }.drawing()
 }
 
+/// PSNR in dB, infinite if no pixel differs; none without scores.
+fn psnr(scores: &Scores) -> Option<f64> {
+    scores.psnr.or(scores.counts().then_some(f64::INFINITY))
+}
+
 fn files(record: &CurveRecord) -> Markup {
+    let told = |file: &FileRecord| match psnr(&file.scores) {
+        Some(psnr) if psnr.is_infinite() => "equal".to_owned(),
+        psnr => decimals(psnr, 2),
+    };
     list(
         &record.files,
         &[
@@ -62,7 +72,7 @@ fn files(record: &CurveRecord) -> Markup {
             (Number("asked"), &|file| file.wanted.map_or_else(|| NONE.to_owned(), bytes)),
             (Number("file"), &|file| bytes(file.bytes)),
             (Number("Gaussians"), &|file| count(file.gaussians)),
-            (Number("PSNR / dB"), &|file| decimals(file.scores.psnr, 2)),
+            (Number("PSNR / dB"), &told),
             (Number("SSIM"), &|file| decimals(file.scores.ssim, 4)),
             (Number("LPIPS"), &|file| decimals(file.scores.lpips_vgg, 4)),
         ],

@@ -1,5 +1,6 @@
 //! The shell of every page (style, script, headings) and the parts of its sections (tiles, tables, lists).
 
+use super::format::NONE;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 /// The page loads nothing from outside.
@@ -103,15 +104,19 @@ impl Column<'_> {
     }
 }
 
-/// A table; `foot` is a last row of another kind, such as means. Long tables scroll.
+/// A table; `foot` is a last row of another kind, such as means. Columns after the first in which no row has a value are left out. Long
+/// tables scroll.
 pub fn table(columns: &[Column<'_>], rows: &[Vec<String>], foot: Option<&[String]>) -> Markup {
+    let says = |k: usize| rows.iter().any(|row| row.get(k).is_some_and(|cell| !cell.is_empty() && cell != NONE));
+    let shown: Vec<(usize, &Column<'_>)> =
+        columns.iter().enumerate().filter(|(k, _)| *k == 0 || rows.is_empty() || says(*k)).collect();
     let cells = |row: &[String]| {
-        html! { tr { @for (cell, column) in row.iter().zip(columns) { td class=[column.class()] { (cell) } } } }
+        html! { tr { @for (k, column) in &shown { td class=[column.class()] { (row.get(*k).map_or("", String::as_str)) } } } }
     };
     html! {
         div class="table" {
             table {
-                thead { tr { @for column in columns { th scope="col" class=[column.class()] { (column.title()) } } } }
+                thead { tr { @for (_, column) in &shown { th scope="col" class=[column.class()] { (column.title()) } } } }
                 tbody { @for row in rows { (cells(row)) } }
                 @if let Some(row) = foot { tfoot { (cells(row)) } }
             }
@@ -144,4 +149,20 @@ pub fn side_by_side(blocks: &[Markup]) -> Markup {
 /// A sentence that replaces missing content.
 pub fn absent(sentence: &str) -> Markup {
     html! { p class="absent" { (sentence) } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Column::{Number, Text};
+    use super::*;
+
+    #[test]
+    fn columns_without_a_value_are_left_out() {
+        let rows = [["a", NONE, "1", ""], ["b", NONE, NONE, ""]].map(|row| row.map(str::to_owned).to_vec());
+        let columns = [Text("name"), Number("before"), Number("after"), Text("note")];
+        let text = table(&columns, &rows, Some(&rows[0])).into_string();
+        assert!(text.contains("name") && text.contains("after") && text.matches("<td").count() == 6, "{text}");
+        assert!(!text.contains("before") && !text.contains("note"), "{text}");
+        assert!(table(&columns, &[], None).into_string().contains("before"));
+    }
 }

@@ -164,9 +164,9 @@ impl<G> Pass<'_, G> {
                 }
                 scores.record(&mut recording, renderer, model, camera, wanted.residual.then_some(*image_gradient));
             }
-            renderer.device().clone().run(recording)?;
+            let (_, pairs) = renderer.run(recording)?;
             // A view whose pairs did not fit has changed nothing.
-            match renderer.settle()? {
+            match renderer.settle(pairs)? {
                 Settled::Drawn => return Ok(Outcome::Done),
                 Settled::Grown => {}
                 Settled::TooMany(error) => return Ok(Outcome::TooMany(error)),

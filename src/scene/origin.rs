@@ -30,6 +30,12 @@ pub fn near(centre: DVec3, size: f64) -> DVec3 {
     DVec3::new(rounded(centre.x), rounded(centre.y), rounded(centre.z))
 }
 
+/// The distance of the float32 number nearest to `value` from the next larger one.
+fn spacing(value: f64) -> f64 {
+    let value = value as f32;
+    f64::from(value.next_up()) - f64::from(value)
+}
+
 impl Scene {
     /// Moves coordinates to a local origin if the world's is far away, and records it. `size` is [`super::near::size`].
     pub(super) fn move_near(mut self, size: f64) -> Self {
@@ -40,9 +46,9 @@ impl Scene {
             return self;
         }
         let farthest = self.points.iter().fold(0.0_f64, |most, point| most.max(point.position.abs().max_element()));
-        let step = f64::from(f32::EPSILON) * farthest;
         let single = |point: &Point| point.position.as_vec3().as_dvec3() == point.position;
-        if step > 0.0 && self.points.iter().all(single) {
+        if farthest > 0.0 && self.points.iter().all(single) {
+            let step = spacing(farthest);
             self.skipped.notes.push(format!(
                 "points are float32 numbers, which have steps of {step:.1e} units so far from the origin: export doubles or local \
                  coordinates"
@@ -66,6 +72,11 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn steps_of_float32_double_at_powers_of_two() {
+        assert_eq!([0.5, 1.9, 4e6, 4.2e6].map(spacing), [2_f64.powi(-24), 2_f64.powi(-23), 0.25, 0.5]);
+    }
 
     #[test]
     fn only_far_places_get_an_origin_and_it_is_round() {

@@ -10,6 +10,7 @@ use super::camera::Camera;
 use super::faces::{self, Cut, Face};
 use super::image_size::image_size;
 use super::lens::{Lens, Pinhole};
+use super::misfit::Misfit;
 
 /// Error message for a lens without an ideal pinhole.
 pub(crate) const FOLDED: &str =
@@ -84,8 +85,8 @@ pub struct View {
     pub depth: Option<PathBuf>,
     /// The length in world units of a step of the map's numbers, if the data set says it.
     pub depth_step: Option<f64>,
-    /// Median distance in pixels between where points were found in the photo and where its pose shows them, if that was measured.
-    pub misfit: Option<f64>,
+    /// How far points are from where the photo's pose shows them, if that was measured.
+    pub misfit: Option<Misfit>,
     /// The lens at the photo's size.
     pub lens: Lens,
     /// The ideal pinhole at the photo's size, which the engine renders: undistorted if [`View::undistorts`].

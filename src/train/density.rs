@@ -4,7 +4,7 @@ use super::growth::Growth;
 use super::schedule::Schedule;
 use super::training_model::{Array, TrainingModel};
 use crate::gaussians::Attributes;
-use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::gpu::{Buffer, Device, Feed, Recording, Result};
 use crate::kernels::constants::density::{CLONE, KEPT};
 use crate::kernels::train::{
     Densify, DensifyPush, DensifySpec, GatherRows, GatherRowsSpec, ResetOpacity, ResetOpacityPush, ResetOpacitySpec,
@@ -33,19 +33,23 @@ pub struct Step {
 pub fn bytes(device: &Device, n: usize, after: usize, degree: usize) -> u64 {
     let words = Buffer::<u32>::bytes_of;
     let scan = device.bytes_of(|counts| Scan::new(counts, n as u32));
-    let choice = 3 * words(n) + Count::bytes() + scan + 2 * words(after);
+    // Copies, splits and offsets; sources and kinds; and what the host sends a second time: copies and splits, and sources
+    // where there is a tail.
+    let choice = 5 * words(n) + Count::bytes() + scan + 3 * words(after);
     choice + words(2 * n.max(after) * Attributes::widest(degree))
 }
 
 /// Clones, splits and prunes the Gaussians of a model in training, without its tail. Returns their new number.
 ///
+/// The host waits twice: for what the choice depends on, and for the step. An unplanned step waits for each threshold
+/// that it tries; new arrays may need further waits.
+///
 /// # Errors
 /// Device memory: the model is then unchanged. Device errors: the model is then lost.
 pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedule, step: Step) -> Result<usize> {
-    let choice = Choice::new(device, training, schedule, step)?;
+    let (choice, mut recording) = Choice::new(device, training, schedule, step)?;
     let after = choice.after;
-    let rows = Rows::room(device, after, training)?;
-    let mut recording = Recording::new();
+    let rows = Rows::room(device, &mut recording, after, training)?;
     let count = training.count();
     let kernel = Sources {
         count: &count.value,
@@ -57,9 +61,9 @@ pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedul
         spec: SourcesSpec { workgroup: WORKGROUP },
     };
     recording.dispatch(&kernel, count.groups(WORKGROUP));
-    device.run(recording)?;
     let planned = schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(0).min(step.most).max(after);
-    rows.gather(device, training, &Room::of(device, training, &rows, planned + training.tail())?)?;
+    let room = Room::of(device, training, &rows, planned + training.tail())?;
+    rows.gather(device, &mut recording, training, &room)?;
     let (count, parameters) = (training.count(), &training.model.parameters);
     let kernel = Split {
         count: &count.value,
@@ -71,7 +75,6 @@ pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedul
         push: SplitPush { seed: step.seed, iteration: step.iteration },
         spec: SplitSpec { workgroup: WORKGROUP, lengthwise: schedule.growth.is_some() },
     };
-    let mut recording = Recording::new();
     recording.dispatch(&kernel, count.groups(WORKGROUP));
     device.run(recording)?;
     Ok(after)
@@ -79,30 +82,48 @@ pub fn densify(device: &Device, training: &mut TrainingModel, schedule: &Schedul
 
 /// Keeps only the Gaussians `kept`, in that order, with their moments, and the tail; growth restarts at zero.
 pub fn compact(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> Result<()> {
-    let rows = Rows::of(device, kept.to_vec(), training)?;
-    rows.gather(device, training, &Room::new(device, training, rows.sources.len())?)
+    let mut recording = Recording::new();
+    let rows = Rows::of(device, &mut recording, kept.to_vec(), training)?;
+    let room = Room::new(device, training, rows.sources.len())?;
+    rows.gather(device, &mut recording, training, &room)?;
+    device.run(recording)?;
+    Ok(())
 }
 
-/// Like [`compact`], but the arrays keep their memory. It needs [`bytes_of_thinning`].
+/// Like [`compact`], but the arrays keep their memory, and the host waits once. It needs [`bytes_of_thinning`].
 pub fn thin(device: &Device, training: &mut TrainingModel, kept: &[u32]) -> Result<()> {
-    let rows = Rows::of(device, kept.to_vec(), training)?;
-    rows.gather(device, training, &Room::through(device, training, &rows)?)
+    let mut recording = Recording::new();
+    let rows = Rows::of(device, &mut recording, kept.to_vec(), training)?;
+    let room = Room::through(device, training, &rows)?;
+    rows.gather(device, &mut recording, training, &room)?;
+    device.run(recording)?;
+    Ok(())
 }
 
-/// Bytes that [`thin`] needs besides the model to keep `kept` Gaussians.
+/// Bytes that [`thin`] needs besides the model to keep `kept` Gaussians: kinds, sources, which exist a second time on
+/// their way to the device, and the gathered rows.
 pub fn bytes_of_thinning(training: &TrainingModel, kept: usize) -> u64 {
     let rows = kept + training.tail();
-    2 * Buffer::<u32>::bytes_of(rows) + Buffer::<f32>::bytes_of(rows * training.widest_row())
+    3 * Buffer::<u32>::bytes_of(rows) + Buffer::<f32>::bytes_of(rows * training.widest_row())
 }
 
 /// Replaces every trained row by the one in `sources`, with its moments, or with zero moments if it is `fresh`. The
 /// tail stays, and growth restarts at zero.
 pub fn replace(device: &Device, training: &mut TrainingModel, sources: &[u32], fresh: &[bool]) -> Result<()> {
-    let mut rows = Rows::of(device, sources.to_vec(), training)?;
+    let mut recording = Recording::new();
+    let rows = Rows::of(device, &mut recording, sources.to_vec(), training)?;
     let mut kinds: Vec<u32> = fresh.iter().map(|fresh| if *fresh { CLONE } else { KEPT }).collect();
     kinds.resize(rows.sources.len(), KEPT);
-    rows.kinds = device.upload("kinds", &kinds)?;
-    rows.gather(device, training, &Room::of(device, training, &rows, rows.sources.len())?)
+    send(device, &mut recording, &kinds, &rows.kinds)?;
+    let room = Room::of(device, training, &rows, rows.sources.len())?;
+    rows.gather(device, &mut recording, training, &room)?;
+    device.run(recording)?;
+    Ok(())
+}
+
+/// Records the sending of words to a buffer, from host memory that is freed with the recording.
+fn send(device: &Device, recording: &mut Recording, words: &[u32], to: &Buffer<u32>) -> Result<()> {
+    Feed::new(device, to.name(), words.len(), 1)?.record(recording, words, to)
 }
 
 /// Records the opacity reset, which limits every Gaussian's opacity to `opacity`.
@@ -127,24 +148,29 @@ struct Choice {
     splits: Buffer<u32>,
     /// By Gaussian: the first row of its successors.
     offsets: Buffer<u32>,
-    /// Number of Gaussians after the step.
+    scan: Scan,
+    /// Number of Gaussians after the step, on the device.
+    total: Count,
+    /// The same number.
     after: usize,
 }
 
 impl Choice {
-    /// Grows every Gaussian whose gradient reaches the schedule's threshold, or, if that makes too many, those with the largest
-    /// gradients.
-    fn new(device: &Device, training: &TrainingModel, schedule: &Schedule, step: Step) -> Result<Self> {
+    /// Grows every Gaussian whose gradient reaches the schedule's threshold, or, if that makes too many, those with the
+    /// largest gradients. The recording holds what remains to be done for it, and is to be continued.
+    fn new(device: &Device, training: &TrainingModel, schedule: &Schedule, step: Step) -> Result<(Self, Recording)> {
         let n = training.trained();
         let choice = Self {
             copies: device.buffer("copies", n)?,
             splits: device.buffer("splits", n)?,
             offsets: device.buffer("offsets", n)?,
+            scan: Scan::new(device, n as u32)?,
+            total: Count::unset(device, "new Gaussians", u32::MAX, &[])?,
             after: 0,
         };
         match schedule.growth {
             Some(plan) => choice.planned(device, training, schedule, step, plan),
-            None => choice.unplanned(device, training, schedule, step),
+            None => Ok((choice.unplanned(device, training, schedule, step)?, Recording::new())),
         }
     }
 
@@ -152,10 +178,13 @@ impl Choice {
     fn unplanned(mut self, device: &Device, training: &TrainingModel, schedule: &Schedule, step: Step) -> Result<Self> {
         let n = training.trained();
         let mut threshold = if n < step.most { schedule.densify_gradient as f32 } else { f32::MAX };
+        let mut answer = device.readback("new Gaussians", 1)?;
         loop {
             let mut recording = Recording::new();
             self.decide(&mut recording, training, step.limits(schedule, threshold));
-            self.count(device, training, recording)?;
+            self.count(&mut recording, training);
+            answer.submit(device, recording, &[(&self.total.value, 1)])?;
+            self.after = answer.wait()?.0[0] as usize;
             if self.after <= step.most.max(n) {
                 return Ok(self);
             }
@@ -172,21 +201,27 @@ impl Choice {
         schedule: &Schedule,
         step: Step,
         plan: Growth,
-    ) -> Result<Self> {
+    ) -> Result<(Self, Recording)> {
+        let n = training.trained();
         let mut recording = Recording::new();
         self.decide(&mut recording, training, step.limits(schedule, f32::MAX));
-        device.run(recording)?;
-        let mut copies = self.copies.read(device)?;
+        let mut answer = device.readback("copies and growth", 3 * n)?;
+        answer.submit(device, recording, &[(&self.copies, n), (&training.growth.cast(), 2 * n)])?;
+        let (copies, growth) = answer.wait()?.0.split_at(n);
+        let mut copies: Vec<u32> = copies.to_vec();
         let stay = copies.iter().filter(|c| **c > 0).count();
         let count = schedule.planned(step.iteration).min(step.most).saturating_sub(stay);
-        let (mut growth, key) = (training.growth.read(device)?, [step.seed, step.iteration]);
-        growth.truncate(copies.len());
-        let halved = plan.choose(&growth, count, key, |i| copies[i] > 0);
+        let key = [step.seed, step.iteration];
+        let halved = plan.choose(bytemuck::cast_slice(growth), count, key, |i| copies[i] > 0);
+        drop(answer); // the rows need its memory
         copies.iter_mut().zip(&halved).for_each(|(c, halved)| *c += u32::from(*halved));
-        self.copies.write(device, &copies)?;
-        self.splits.write(device, &halved.iter().map(|halved| u32::from(*halved)).collect::<Vec<_>>())?;
-        self.count(device, training, Recording::new())?;
-        Ok(self)
+        let splits: Vec<u32> = halved.iter().map(|halved| u32::from(*halved)).collect();
+        self.after = copies.iter().map(|c| *c as usize).sum();
+        let mut recording = Recording::new();
+        send(device, &mut recording, &copies, &self.copies)?;
+        send(device, &mut recording, &splits, &self.splits)?;
+        self.count(&mut recording, training);
+        Ok((self, recording))
     }
 
     fn decide(&self, recording: &mut Recording, training: &TrainingModel, push: DensifyPush) {
@@ -207,15 +242,10 @@ impl Choice {
         recording.dispatch(&kernel, count.groups(WORKGROUP));
     }
 
-    /// Finds each Gaussian's first successor, and the number of successors.
-    fn count(&mut self, device: &Device, training: &TrainingModel, mut recording: Recording) -> Result<()> {
-        let count = training.count();
-        let total = Count::new(device, "new Gaussians", u32::MAX, &[])?;
-        let scan = Scan::new(device, training.trained() as u32)?;
-        scan.record(&mut recording, count, (&self.copies).into(), &self.offsets, &total);
-        device.run(recording)?;
-        self.after = total.value.read(device)?[0] as usize;
-        Ok(())
+    /// Records the search for each Gaussian's first successor, and the number of successors.
+    fn count(&self, recording: &mut Recording, training: &TrainingModel) {
+        self.total.reset(recording);
+        self.scan.record(recording, training.count(), (&self.copies).into(), &self.offsets, &self.total);
     }
 }
 
@@ -241,44 +271,59 @@ struct Rows {
 }
 
 impl Rows {
-    /// Room for the rows of `after` Gaussians, still to be filled, and the tail's.
-    fn room(device: &Device, after: usize, old: &TrainingModel) -> Result<Self> {
+    /// Room for the rows of `after` Gaussians, still to be filled, and the tail's, which are recorded.
+    fn room(device: &Device, recording: &mut Recording, after: usize, old: &TrainingModel) -> Result<Self> {
         if old.tail() > 0 {
-            return Self::of(device, vec![0; after], old);
+            return Self::of(device, recording, vec![0; after], old);
         }
         Ok(Self { sources: device.buffer("sources", after)?, kinds: device.buffer("kinds", after)? })
     }
 
-    /// These rows of the old model, all kept, and the tail's.
-    fn of(device: &Device, mut sources: Vec<u32>, old: &TrainingModel) -> Result<Self> {
+    /// Records these rows of the old model, all kept, and the tail's.
+    fn of(device: &Device, recording: &mut Recording, mut sources: Vec<u32>, old: &TrainingModel) -> Result<Self> {
         sources.extend(old.trained() as u32..old.model.len as u32);
-        let kinds = device.buffer("kinds", sources.len())?;
-        let mut recording = Recording::new();
-        recording.fill(&kinds, 0);
-        device.run(recording)?;
-        Ok(Self { sources: device.upload("sources", &sources)?, kinds })
+        let len = sources.len();
+        let rows = Self { sources: device.buffer("sources", len)?, kinds: device.buffer("kinds", len)? };
+        send(device, recording, &sources, &rows.sources)?;
+        recording.fill(&rows.kinds, 0);
+        Ok(rows)
     }
 
-    /// Gathers the new model's rows from the old one's, a method's arrays included. Moments of new Gaussians are zero, and
-    /// so is growth.
-    fn gather(&self, device: &Device, training: &mut TrainingModel, room: &Room) -> Result<()> {
+    /// Records the gathering of the new model's rows from the old one's, a method's arrays included. Where new arrays need
+    /// the memory of old ones, what is recorded runs first. Moments of new Gaussians are zero, and so is growth.
+    fn gather(
+        &self,
+        device: &Device,
+        recording: &mut Recording,
+        training: &mut TrainingModel,
+        room: &Room,
+    ) -> Result<()> {
         let (degree, n, tail) = (training.model.degree, self.sources.len(), training.tail());
         let widths = Attributes::widths(degree);
-        let mut recording = Recording::new();
-        training.set_len(&mut recording, n);
+        training.set_len(recording, n);
         training.mean = None;
         training.growth = match room {
             Room::New(most) => device.buffer("growth", *most)?.of_len(n),
             Room::Through(_) => training.growth.of_len(n),
         };
         recording.fill(&training.growth, 0);
+        let most_used = match room {
+            Room::New(most) => device.memory_used().0 + training.bytes_of_arrays(*most),
+            Room::Through(_) => u64::MAX,
+        };
         let TrainingModel { model, moments, arrays, tail: end, .. } = training;
         let all = (&model.count, 0);
         let trained = end.as_ref().map_or(all, |end| (&end.before, tail));
         let mut gathered = |source: &Buffer<f32>, (count, less): (&Count, usize), width: usize, fresh: bool| {
             let len = (n - less) * width;
             let target = match room {
-                Room::New(most) => device.buffer(source.name(), (most - less) * width)?.of_len(len),
+                Room::New(most) => {
+                    let floats = (most - less) * width;
+                    if device.memory_used().0 + Buffer::<f32>::bytes_of(floats) > most_used {
+                        device.run(mem::take(recording))?;
+                    }
+                    device.buffer(source.name(), floats)?.of_len(len)
+                }
                 Room::Through(scratch) => scratch.of_len(len),
             };
             let kernel = GatherRows {
@@ -291,7 +336,6 @@ impl Rows {
             };
             recording.dispatch(&kernel, count.groups(WORKGROUP));
             if let Room::New(_) = room {
-                device.run(mem::take(&mut recording))?;
                 return Ok(target);
             }
             let old = source.of_len(len);
@@ -307,14 +351,14 @@ impl Rows {
         for Array { kind, values } in arrays {
             *values = gathered(values, trained, kind.width, kind.restarts)?;
         }
-        device.run(recording)?;
         Ok(())
     }
 }
 
 /// Memory for the arrays of a model whose rows change.
 enum Room {
-    /// New buffers with room for this many rows; each replaces the old one before the next is made.
+    /// New buffers with room for this many rows. They take no more memory than if each replaced the old one before the
+    /// next is made, but the host waits, and old ones go, only where they would.
     New(usize),
     /// Memory of the old buffers, which the rows reach through this one.
     Through(Buffer<f32>),

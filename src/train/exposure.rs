@@ -1,7 +1,7 @@
 //! Exposures: a 3 x 4 affine map of the rendered colours for each photo, learnt with the model and used in training
 //! only.
 
-use crate::gpu::{Buffer, Device, Groups, Recording, Result};
+use crate::gpu::{Buffer, Device, Feed, Groups, Recording, Result, Ticket};
 use crate::kernels::constants::adam::float64::{BETA1, BETA2};
 use crate::kernels::constants::exposure as shader;
 use crate::kernels::train::{Exposure as Kernel, ExposurePush, ExposureSpec};
@@ -115,13 +115,16 @@ impl Exposure {
         })
     }
 
-    /// Takes out of all maps what they share, so that the model has the mean photo's colours.
-    pub fn centre(&self, device: &Device) -> Result<()> {
+    /// Takes out of all maps what they share, so that the model has the mean photo's colours. Returns the work that writes
+    /// the new maps.
+    pub fn centre(&self, device: &Device) -> Result<Ticket> {
         let mut maps = self.affine.read(device)?;
         let shared = shared(&maps);
         maps.chunks_exact_mut(SIZE)
             .for_each(|map| map.iter_mut().zip(shared).for_each(|(value, shared)| *value -= shared));
-        self.affine.write(device, &maps)
+        let mut recording = Recording::new();
+        Feed::new(device, self.affine.name(), maps.len(), 1)?.record(&mut recording, &maps, &self.affine)?;
+        device.submit(recording)
     }
 
     /// Records the application of a photo's exposure to its picture, into [`Exposure::image`].

@@ -9,12 +9,13 @@ use super::host_check::HostCheck;
 use super::loss::Loss;
 use super::mask::Mask;
 use super::method::Method;
+use super::moments;
 use super::poses::Poses;
 use super::smoothing::Smoothing;
 use super::trainer::Trainer;
 use super::training_model::{Array, TrainingModel};
 use crate::gaussians::Attributes;
-use crate::gpu::{Device, staging_bytes};
+use crate::gpu::{Device, LargestBuffer, staging_bytes};
 use crate::render::{Purpose, Renderer, Style, Uses};
 use std::sync::Arc;
 
@@ -89,5 +90,25 @@ impl Trainer {
         let released = Renderer::bytes(device, 1, [1, 1], 1, uses) + growth.max(needs.evaluation);
         let resting = Renderer::bytes(device, 1, [1, 1], 1, Uses { style: needs.style, ..Uses::default() });
         model + pictures + resting + drawing.max(released)
+    }
+
+    /// The largest buffer of a run that kernels bind: moments of the widest SH band, unless pictures or their pairs need more.
+    pub fn largest_buffer(device: &Device, needs: &TrainerNeeds) -> LargestBuffer {
+        let &TrainerNeeds { gaussians, tail, degree, grows, pruning, .. } = needs;
+        let n = gaussians + tail;
+        device.largest_of(|counts| -> Result<()> {
+            moments::zeros_of(counts, gaussians, degree)?;
+            let parameters = Attributes::NAMES.zip(Attributes::widths(degree));
+            parameters.try_map(|(name, width)| counts.buffer::<f32>(name, n * width))?;
+            for kind in needs.method.as_ref().map(|method| method.arrays()).unwrap_or_default() {
+                counts.buffer::<f32>(kind.name, gaussians * kind.width)?;
+            }
+            if grows || needs.method.is_some() || pruning > 0 {
+                // Rows of any array pass through it when the number of Gaussians changes.
+                counts.buffer::<f32>("gathered rows", 2 * n * Attributes::widest(degree))?;
+            }
+            Self::bytes(counts, needs);
+            Ok(())
+        })
     }
 }

@@ -4,7 +4,7 @@
 use super::error::Result;
 use super::training_model::TrainingModel;
 use crate::gaussians::Gaussians;
-use crate::gpu::{Buffer, Device, Groups, Recording};
+use crate::gpu::{Buffer, Device, Groups, Recording, Ticket};
 use crate::kernels::constants::poses as shader;
 use crate::kernels::train::{Poses as Kernel, PosesPush, PosesSpec};
 use crate::primitives::WORKGROUP;
@@ -214,14 +214,17 @@ impl Poses {
     }
 
     /// Moves the photos' cameras by the gradients of a round of photos, after iteration `iteration` of `length`.
+    /// Returns the work that resets the gradients.
     pub(super) fn step(
         &mut self,
         device: &Device,
         photos: &mut [Photo],
         (iteration, length): (u32, u32),
-    ) -> Result<()> {
+    ) -> Result<Ticket> {
         let gradients = self.gradients.read(device)?;
-        self.gradients.write(device, &vec![0.0; gradients.len()])?;
+        let mut recording = Recording::new();
+        recording.fill(&self.gradients, 0);
+        let reset = device.submit(recording)?;
         let rounds = |iterations: f64| (iterations / photos.len() as f64).max(1.0);
         let number = rounds(f64::from(iteration) - FROM * f64::from(length)).ceil() as u32;
         let (reach, longest) = REACH;
@@ -241,7 +244,7 @@ impl Poses {
         for ((photo, given), correction) in photos.iter_mut().zip(&self.given).zip(&self.corrections) {
             photo.camera = correction.of(given);
         }
-        Ok(())
+        Ok(reset)
     }
 
     /// The state, [`STORED`] numbers of each photo.

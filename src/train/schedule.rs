@@ -130,7 +130,7 @@ impl Schedule {
             rest_rate: whole.rest_rate * shorter.powf(0.4),
             scale_rate: whole.scale_rate * shorter.powf(0.25),
             rotation_rate: whole.rotation_rate * shorter.powf(0.4),
-            half_until: 0.4,
+            half_until: 0.2,
             mean_from: MEAN_FROM,
             ..whole
         }

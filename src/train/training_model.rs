@@ -4,7 +4,7 @@ use super::mean::Mean;
 use super::moments::{self, Moments};
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
-use crate::gpu::{Buffer, Device, Recording, Result};
+use crate::gpu::{Buffer, Device, Recording, Result, Ticket};
 use crate::primitives::{Count, Scan};
 
 /// A model in training, which density control replaces and a checkpoint stores.
@@ -166,11 +166,11 @@ impl TrainingModel {
         self.tail.as_ref().map_or(&self.model.count, |tail| &tail.before)
     }
 
-    /// Adds an SH band of zeros to the model.
+    /// Adds an SH band of zeros to the model. Returns the work that writes the zeros.
     ///
     /// # Errors
     /// Device memory; device errors. The model is then unchanged.
-    pub fn raise_degree(&mut self, device: &Device) -> Result<()> {
+    pub fn raise_degree(&mut self, device: &Device) -> Result<Ticket> {
         let l = self.model.degree + 1;
         let (name, width, room) = (Attributes::NAMES.sh[l], Gaussians::band_width(l), self.room());
         let band = device.buffer(name, room * width)?.of_len(self.model.len * width);
@@ -179,11 +179,11 @@ impl TrainingModel {
         let mut recording = Recording::new();
         recording.fill(&band, 0);
         recording.fill(&moments, 0);
-        device.run(recording)?;
+        let zeros = device.submit(recording)?;
         self.model.parameters.sh[l] = band;
         self.moments.sh[l] = moments;
         self.model.degree = l;
         self.mean = None;
-        Ok(())
+        Ok(zeros)
     }
 }

@@ -288,6 +288,15 @@ async function again() {
   connect();
 }
 
+/** Offers the SH degrees that the models have; a model in training may still get more. */
+function degrees() {
+  const { models } = state.scene;
+  if (models.length === 0) return;
+  const most = Math.max(...models.map((m) => m.degree));
+  $("degree").replaceChildren(...Array.from({ length: most + 1 }, (_, k) => new Option(most - k)));
+  $("degree").disabled = most === 0;
+}
+
 async function begin() {
   // The token has become a cookie.
   if (location.search) history.replaceState(null, "", location.pathname + location.hash);
@@ -304,6 +313,7 @@ async function begin() {
   if (!scene.models[0]?.pruned_by) for (const option of document.querySelectorAll("#kind .prune")) option.remove();
   $("models-label").hidden = scene.models.length < 2;
   $("models").replaceChildren(...scene.models.map((m, n) => new Option(`${m.name} (${m.gaussians.toLocaleString("en")})`, n)));
+  degrees();
   list(false);
   home();
   choose(-1);

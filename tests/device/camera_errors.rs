@@ -51,7 +51,7 @@ fn moved_cameras_are_found_again() {
         assert!((1.0..3.0).contains(&moved), "{moved}");
         assert!((0.5 * moved..1.5 * moved).contains(&found.pixels), "{found:?}, {moved}");
         assert!(found.fitted_psnr > 42.0 && found.psnr < found.fitted_psnr - 8.0, "{found:?}");
-        assert!(found.note(false).is_some_and(|note| note.contains("poses=on")));
+        assert!(found.note(None, false).is_some_and(|note| note.contains("poses=on")));
     }
 }
 
@@ -60,6 +60,6 @@ fn right_cameras_stay() {
     for light in [1.0, 0.7] {
         let (found, _) = errors([DVec3::ZERO; 2], light);
         assert!(found.pixels < 0.05 && found.psnr > 42.0 && found.fitted_psnr >= found.psnr - 0.5, "{found:?}");
-        assert_eq!(found.note(false), None);
+        assert_eq!(found.note(None, false), None);
     }
 }

@@ -3,8 +3,11 @@
 use crate::support::synthetic::scattered;
 use glam::DVec3;
 use qirf_vk::gpu::{Device, DeviceClass, DeviceOptions, Hazards, TuningChoice, Work};
+use qirf_vk::render::{Renderer, Settings};
+use qirf_vk::response::Wanted;
 use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
+use qirf_vk::train::growth::Growth;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, Trainer};
 use std::ops::ControlFlow;
@@ -41,14 +44,27 @@ const fn expected(
 }
 
 fn trainer(device: &Device, gaussians: usize, degree: usize, side: u32) -> Trainer {
-    let model = scattered(gaussians, degree, -4.0);
-    let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, side, side);
-    let photo = Photo::opaque(camera, vec![99; (side * side * 4) as usize]);
     let never = u32::MAX;
     let schedule =
         Schedule { densify_every: never, opacity_reset_every: never, half_until: 0.0, ..Schedule::default() };
     let pairs = 4 * gaussians as u32;
-    Trainer::new(device, &model, vec![photo], 1.0, Options { schedule, degree, pairs, ..Options::default() }).unwrap()
+    trainer_of(device, gaussians, [side, 1], Options { schedule, degree, pairs, ..Options::default() })
+}
+
+/// A trainer on so many equal photos of `side` x `side`.
+fn trainer_of(device: &Device, gaussians: usize, [side, photos]: [u32; 2], options: Options) -> Trainer {
+    let model = scattered(gaussians, options.degree, -4.0);
+    let camera = Camera::look_at(DVec3::new(0.0, 0.0, -4.0), DVec3::ZERO, DVec3::NEG_Y, 0.8, side, side);
+    let photo = Photo::opaque(camera, vec![99; (side * side * 4) as usize]);
+    Trainer::new(device, &model, vec![photo; photos as usize], 1.0, options).unwrap()
+}
+
+/// Submissions of some work, and how many of them were waited for at once.
+fn asked<T>(device: &Device, work: impl FnOnce() -> T) -> [u64; 2] {
+    let before = device.traffic();
+    work();
+    let after = device.traffic();
+    [after.submissions - before.submissions, after.round_trips - before.round_trips]
 }
 
 fn opened(class: DeviceClass) -> Device {
@@ -104,12 +120,45 @@ fn the_host_asks_nothing_between_iterations() {
     let device = opened(DeviceClass::Cpu);
     let mut trainer = trainer(&device, 1000, 1, 32);
     trainer.advance(16).unwrap();
-    let before = device.traffic();
-    trainer.advance(32).unwrap();
-    let after = device.traffic();
-    let (submissions, round_trips) = (after.submissions - before.submissions, after.round_trips - before.round_trips);
-    println!("16 iterations: {submissions} submissions, {round_trips} of them waited for at once");
-    assert_eq!((trainer.iteration(), submissions, round_trips), (32, 16, 0));
+    assert_eq!(asked(&device, || trainer.advance(32).unwrap()), [16, 0]);
+    assert_eq!(trainer.iteration(), 32);
+}
+
+/// A density step of a plan is two submissions: one tells the host which Gaussians go and grow, and the other, which it
+/// waits for at once, does the rest. The renderer's buffers are freed and made, which asks nothing of the device. Nor does
+/// the host wait for an opacity reset.
+#[test]
+fn a_density_step_is_two_submissions() {
+    let device = opened(DeviceClass::Cpu);
+    let growth = Some(Growth { gaussians: Some(2000), ..Growth::default() });
+    // Density steps after 20, 40 and 60; opacities are reset after 50.
+    let schedule =
+        Schedule { iterations: 400, densify_from: 0.0, opacity_reset_every: 50, growth, ..Schedule::default() };
+    let options = Options { schedule, degree: 0, pairs: 1 << 16, ..Options::default() };
+    let mut trainer = trainer_of(&device, 1000, [32, 1], options);
+    let mut until = |last: u32| {
+        let asked = asked(&device, || trainer.run_until(last, |_, _| ControlFlow::Continue(())).unwrap());
+        (asked, trainer.len())
+    };
+    let (_, before) = until(40);
+    let (asked, after) = until(60);
+    assert!(before > 1000 && after > before, "the arrays have room since they grew: {before}, {after}");
+    assert_eq!(asked, [20 + 1 + 2, 1], "20 iterations, a reset and a step");
+}
+
+/// Each view of a pass is one submission, which also brings its number of pairs; a picture takes one more, to be read.
+#[test]
+fn a_view_is_one_submission() {
+    let device = opened(DeviceClass::Cpu);
+    let passes = [1, 3].map(|photos| {
+        let mut trainer = trainer_of(&device, 100, [32, photos], Options { degree: 0, ..Options::default() });
+        asked(&device, || trainer.responses(Wanted::BOTH).unwrap())[0]
+    });
+    assert_eq!(passes[1] - passes[0], 2);
+    let trainer = trainer_of(&device, 100, [32, 1], Options { degree: 0, ..Options::default() });
+    let mut renderer = Renderer::new(&device, Settings::default(), 100, 32, 32).unwrap();
+    let camera = &trainer.photos()[0].camera;
+    assert_eq!(asked(&device, || renderer.render(trainer.model(), camera).unwrap())[0], 2);
 }
 
 /// The work for which `tools/host-cost` counts the host's instructions; `QIRF_ITERATIONS` sets the number of

@@ -292,6 +292,20 @@ fn paths(page: &str) -> BTreeSet<String> {
         .collect()
 }
 
+/// What README.md links to beside itself is in the crate, in the Debian package and in the archives.
+#[test]
+fn packages_hold_what_the_readme_links_to() {
+    let [readme, manifest, package] = ["README.md", "Cargo.toml", "tools/package"].map(text);
+    let targets = readme.split("](").skip(1).filter_map(|rest| rest.split([')', '#']).next());
+    let beside = targets.filter(|target| !target.is_empty() && !target.contains("://"));
+    for target in beside.filter(|target| !["docs/", "LICENSE-"].iter().any(|whole| target.starts_with(whole))) {
+        assert!(root().join(target).is_file(), "{target} is not there");
+        assert!(manifest.contains(&format!("\"/{target}\"")), "{target} is not in the crate");
+        assert!(manifest.contains(&format!("[\"{target}\"")), "{target} is not in the Debian package");
+        assert!(package.contains(target), "{target} is not in the archives");
+    }
+}
+
 #[test]
 fn paths_in_the_documentation_exist() {
     let mut pages = files("docs", "md");

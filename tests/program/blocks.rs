@@ -222,5 +222,10 @@ fn damaged_blocks_and_lost_photos_are_named() {
     stage.works(&["shard", "plan", "run", "strip", "-o", "b", "--memory-budget", "60M"]);
     let plan: Value = serde_json::from_slice(&fs::read(stage.path("b/plan.json")).unwrap()).unwrap();
     assert!(plan["job"]["run"]["blocks"].as_u64().unwrap() > 1, "blocks that fit: {plan}");
+    // Blocks whose buffers fit: 168 bytes a row, for half as many again as an eighth of these, and for twice as many around them.
+    let mut small = stage.command(&["shard", "plan", "run", "strip", "-o", "d", "--grow-to", "30000"]);
+    works(small.args(["--sh-degree", "3"]).env("QIRF_LIMITS", "buffers=3000000"));
+    let plan: Value = serde_json::from_slice(&fs::read(stage.path("d/plan.json")).unwrap()).unwrap();
+    assert_eq!(plan["job"]["run"]["blocks"], 8, "{plan}");
     stage.refused(5, &["smallest block"], &["shard", "plan", "run", "strip", "-o", "c", "--memory-budget", "1M"]);
 }

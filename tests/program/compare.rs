@@ -75,6 +75,7 @@ fn arms_are_compared_at_equal_counts() {
         page.contains("random:global") && page.matches("<img").count() == 2 * 2 * 6,
         "photo and arms, whole and cut"
     );
+    assert!(page.contains("another seed may differ") && !page.contains("deviation / dB"), "there is one seed");
     #[cfg(unix)]
     super::report::works_in_a_browser(&out.join("compare.html"));
     let table = std::fs::read_to_string(out.join("compare.csv")).unwrap();
@@ -118,7 +119,11 @@ fn arms_are_compared_over_seeds() {
         assert!((mean - f64::midpoint(seeds[0], seeds[1])).abs() < 1e-9);
         assert!((spread - (seeds[0] - seeds[1]).abs() / 2.0_f64.sqrt()).abs() < 1e-9, "{arm}");
     }
+    let [once, twice] = [&first, &both].map(|compared| &compared["arms"][1]["paired"]);
+    assert!(once["over_seeds"].is_null() && once["over_views"]["n"].as_u64() > Some(1), "{once}");
+    assert_eq!((twice["over_seeds"]["n"].as_u64(), twice["over_seeds"]["t"].as_f64()), (Some(2), Some(12.706205)));
     let [kept, grown] = [0, 1].map(|k| both["arms"][k]["gaussians"].as_f64().unwrap());
     assert!(grown <= kept && grown > 0.9 * kept, "{grown} of {kept}");
-    assert!(std::fs::read_to_string(out.join("compare.html")).unwrap().contains("<img"));
+    let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
+    assert!(page.contains("<img") && page.contains("deviation / dB") && !page.contains("another seed may differ"));
 }

@@ -109,12 +109,16 @@ fn the_kept_are_the_originals_and_as_many_as_asked_for() {
     let more = ["--views", "16", "--size", "64x64", "--report", page.to_str().unwrap()];
     let said = compressed(&model, &again, &[&more, &exact[..]].concat()).out;
     let html = parse(&std::fs::read_to_string(&page).unwrap()).unwrap();
-    assert_eq!(html.texts("h2"), ["Summary", "Held-out views", "Pruning", "What the blocks say"]);
+    assert_eq!(html.texts("h2"), ["Summary", "Held-out views", "Pruning", "What the blocks say", "Time"]);
     assert!(html.texts("#blocks dd").contains(&"low-rank"), "{:?}", html.texts("#blocks dd"));
     assert!(html.texts(".tile").iter().any(|t| t.contains("123") && t.contains("Gaussians")));
     let views = printed["views"].as_array().unwrap().iter().map(|view| view["pruned"]["psnr"].as_f64().unwrap());
     let worst = format!("(worst view {:.2} dB)", views.reduce(f64::min).unwrap());
     assert!(said.contains(&worst), "{worst}: {said}");
+    let (total, parts) = said.lines().find_map(|l| l.strip_prefix("time")?.split_once(" s: ")).expect("times");
+    let number = |text: &str| -> f64 { text.rsplit(' ').next().and_then(|v| v.parse().ok()).expect("a number") };
+    let sum: f64 = parts.split(", ").map(number).sum();
+    assert!((sum - number(total)).abs() < 0.35, "the parts are the whole but for rounding: {said}");
     assert!(std::fs::read(&out).unwrap() == std::fs::read(&again).unwrap(), "one input, one output");
 
     for (name, format) in [("c.spz", formats::Format::Spz), ("c.sog", formats::Format::Sog)] {
@@ -183,7 +187,13 @@ fn pairs_lose_less_than_dropping() {
 fn models_are_scored_against_their_originals() {
     let folder = tempfile::tempdir().unwrap();
     let (model, out) = (saved(folder.path(), &ball()), folder.path().join("small.ply"));
-    let compressed = compressed(&model, &out, &["--json"]).with(0, &[]).json();
+    let page = folder.path().join("report.html");
+    let compressed = compressed(&model, &out, &["--json", "--report", page.to_str().unwrap()]).with(0, &[]).json();
+    // Without blocks, training and photos, the page says nothing of them.
+    let html = parse(&std::fs::read_to_string(&page).unwrap()).unwrap();
+    assert_eq!(html.texts("h2"), ["Summary", "Held-out views", "Pruning", "Time"]);
+    assert_eq!(html.texts("#views th"), ["view", "pruned", "file"]);
+    assert!(!html.texts("#pruning dt").contains(&"after iteration") && !html.texts("text").contains(&"partition"));
     let eval = |more: &Path| end(&mut qirf(["eval".as_ref(), &*out, "--against".as_ref(), &model, more]));
     let scored = eval("--json".as_ref()).with(0, &[]).json();
     assert_eq!(scored["test"]["psnr"], compressed["test"]["pruned"]["psnr"]);

@@ -41,6 +41,28 @@ fn operations_apply_in_the_order_of_the_command_line() {
 }
 
 #[test]
+fn successive_moves_are_applied_as_one() {
+    let sandbox = Sandbox::new();
+    let away = ["edit", "model.ply", "-o", "back.ply", "--translate", "1e6,-2e6,3e5"];
+    let back = ["--rotate", "z:30", "--rotate", "z:-30", "--translate=-1e6,2e6,-3e5"];
+    let off = || {
+        let (moved, model) = (read(&sandbox, "back.ply").means, model(20).means);
+        let apart = moved.as_flattened().iter().zip(model.as_flattened()).map(|(a, b)| (a - b).abs());
+        apart.fold(0.0, f32::max)
+    };
+    let ran = sandbox.works(&[&away[..], &back].concat());
+    assert!(off() < 1e-7 && !ran.said.contains("rounded"), "{}: {}", off(), ran.said);
+    assert_eq!(ran.out.matches(": 20 Gaussians of SH degree 1").count(), 4, "{}", ran.out);
+    // What lies between two moves needs positions in between.
+    let ran = sandbox.works(&[&away[..], &["--crop-box", "0,-9e6,-9e6,9e6,9e6,9e6"], &back].concat());
+    assert!(off() > 1e-3 && ran.said.contains("far from its origin at --crop-box 0,-9e6"), "{}: {}", off(), ran.said);
+    // In any steps all the way round.
+    let round = ["--rotate", "z:10"].repeat(36);
+    sandbox.works(&[&["edit", "model.ply", "-o", "back.ply"][..], &round[..]].concat());
+    assert!(off() < 1e-7, "{}", off());
+}
+
+#[test]
 fn a_turned_model_shows_turned_colours() {
     let sandbox = Sandbox::new();
     sandbox.works(&["edit", "model.ply", "-o", "turned.ply", "--rotate", "1,2,3:40", "--scale", "2", "--up", "y"]);
@@ -188,6 +210,7 @@ fn bad_requests_write_nothing_and_say_why() {
     fails(2, &["--max-size", "-1"], &["above 0"]);
     fails(2, &["--order", "random"], &["morton"]);
     fails(2, &["--rotate", "y"], &["degrees"]);
+    fails(2, &["--rotate", "0,0,0,0"], &["a quaternion", "not all of them 0"]);
     fails(3, &["--matrix", "stretch.txt"], &["stretch.txt", "2.0", "a uniform scale"]);
     fails(3, &["--matrix", "zero.txt"], &["zero.txt"]);
     fails(3, &["--matrix", "words.txt"], &["words.txt", "'one'"]);

@@ -236,7 +236,15 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
     assert_eq!(html.select("svg line.event").len(), 2, "the prune, in time and by iterations");
     let tiles = html.texts(".tile");
     assert!(tiles.iter().any(|t| t.contains("1,400") && t.contains("5,000") && t.contains("72.0 %")), "{tiles:?}");
-    assert_eq!(html.texts("#effects p"), ["No effect was simulated."]);
+    assert!(tiles.iter().any(|t| t.contains("before pruning: 12.5")), "{tiles:?}");
+    assert_eq!(html.texts("#effects p"), ["No effect was decided on."]);
+    // Names of bars are whole; the spread of a spectrum is no part of a mode's name.
+    assert!(html.texts("#time text").contains(&"a_stage_with_a_very_long_name"), "{:?}", html.texts("#time text"));
+    let blocks = html.texts("#blocks text");
+    assert!(
+        blocks.contains(&"71") && blocks.contains(&"0.19") && !blocks.iter().any(|t| t.contains('±')),
+        "{blocks:?}"
+    );
     let guards = html.texts("#guards tr");
     assert!(guards.iter().any(|g| g.contains("damaged photos7")), "{guards:?}");
     assert!(guards.iter().filter(|g| g.contains("none")).count() >= 7, "{guards:?}");
@@ -246,7 +254,7 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
 fn whatever_is_missing_leaves_a_sound_page() {
     let (_folder, output) = folder();
     let html = sound(&of_run(&bare(), &output, None));
-    assert_eq!(html.select("h2").len(), 12);
+    assert_eq!((html.select("h2").len(), html.select("#blocks").len()), (11, 0));
     assert_eq!(html.select("img").len(), 0);
 
     let mut one = bare();
@@ -322,8 +330,8 @@ fn plots_are_sound_on_their_own() {
         points: vec![point(0.0), point(9.0), point(f64::NAN)],
     };
     let bins: Vec<(String, f64)> = (0..40).map(|i| (i.to_string(), f64::from(i % 7) - 1.0)).collect();
-    let columns =
-        Columns { title: "histogram", x: "bin", y: Axis::from_zero("n"), bins: &bins, text: |v| v.to_string() };
+    let (y, text) = (Axis::from_zero("n"), |v: f64| v.to_string());
+    let columns = Columns { title: "histogram", x: "bin", y, bins: &bins, spreads: &[0.5, f64::NAN, 0.5], text };
     let named = |value: f64| Bar { name: EVIL.into(), value, text: EVIL.into() };
     let bars = bars("bars", &[named(1.0), named(-1.0), named(f64::INFINITY)]);
     let body = page::side_by_side(&[lines.draw(), front.draw(), columns.draw(), bars]);
@@ -376,7 +384,7 @@ fn a_run_leaves_its_report_and_names_it() {
     works_in_a_browser(&out.join("report.html"));
 
     // The dense pictures of that run do not belong to another run that does not prune.
-    let (said, html) = run(&scene, &out, &["--no-prune", "--json"]);
+    let (said, html) = run(&scene, &out, &["--no-prune", "--json", "--overwrite"]);
     assert!(serde_json::from_str::<serde_json::Value>(&said).is_ok());
     assert_eq!(html.select(".stack img").len(), 2 * 3);
 }

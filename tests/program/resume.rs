@@ -30,7 +30,8 @@ fn a_resumed_run_keeps_its_tuning() {
     works(qirf(["run", "--config"]).arg(whole.join("config.toml")).arg("-o").arg(&again));
     assert_eq!(model(&whole), model(&again));
 
-    let refused = |text: &str, named: &str| drop(end(run(&again, &[]).env("QIRF_TUNING", text)).with(2, &[named]));
+    let refused =
+        |text: &str, named: &str| drop(end(run(&again, &["--overwrite"]).env("QIRF_TUNING", text)).with(2, &[named]));
     refused("riva", "nvidia");
     refused("cpu,tiles=8", "'tiles'");
     refused("scan_workgroup=7", "scan_workgroup");

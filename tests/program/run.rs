@@ -1,5 +1,6 @@
 //! Whole runs of the real binary: their files and figures.
 
+use super::cli::model as small_model;
 use super::ended::{Ended, capture, end, qirf, works};
 use crate::support::{new_device, runs};
 use qirf_vk::gpu::Device;
@@ -244,7 +245,8 @@ fn a_run_from_an_antialiased_model_is_antialiased() {
         (&["--antialias", "--dilation", "0.3"], true, ""),
     ] {
         let mut command = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &out, "--init".as_ref(), &smooth]);
-        let said = works(command.args(["--iterations", "3", "--no-prune", "--resolution", "24"]).args(more)).said;
+        command.args(["--iterations", "3", "--no-prune", "--resolution", "24", "--overwrite"]);
+        let said = works(command.args(more)).said;
         assert!(said.contains(says) && says.is_empty() != said.contains("smooth.ply: "), "{more:?}: {said}");
         let config = std::fs::read_to_string(out.join("config.toml")).unwrap();
         assert!(config.contains(&format!("\nantialias = {antialias}\n")), "{more:?}: {config}");
@@ -280,6 +282,29 @@ fn memory_is_estimated_before_the_start() {
     let said = refused(command(&scene, &new, &["--memory-budget", "1k"]).arg("--resume"));
     assert!(!said.contains("--max-gaussians"), "nothing fits: {said}");
     refused(qirf(["eval", "--memory-budget", "100k"]).arg(out.join("model.ply")).arg(&scene));
+}
+
+/// A device may bind only small buffers, whatever its memory, and the largest come with the last SH band, late in a run: that is
+/// known before it begins, too.
+#[test]
+fn buffers_are_estimated_before_the_start() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (scene(folder.path()), folder.path().join("out"));
+    let run = |limit: &str, more: &[&str]| {
+        let mut run = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &*out]);
+        run.args(["--iterations", "60", "--resolution", "24", "--no-prune", "--sh-degree", "3", "--grow-to", "3000"]);
+        end(run.args(["--init", "random", "--init-count", "900"]).args(more).env("QIRF_LIMITS", limit))
+    };
+    let said = run("buffers=400000", &[]).with(5, &["'sh3.moments'", "504000 bytes", "binds at most 400000"]).said;
+    for advice in ["--max-gaussians 2380,", "--sh-degree 2,", "another --device", "shard plan run"] {
+        assert!(said.contains(advice), "{advice}: {said}");
+    }
+    assert!(!said.contains("--memory-budget") && !out.join("config.toml").exists(), "{said}");
+    run("buffers=400000", &["--max-gaussians", "2380"]).with(0, &[]);
+    // Pictures that are too large, however few Gaussians there are.
+    std::fs::remove_dir_all(&out).unwrap();
+    let said = run("buffers=15000", &[]).with(5, &["pictures of 24 x 18", "give a smaller --resolution, or"]).said;
+    assert!(!said.contains("--max-gaussians") && !said.contains("sh3"), "{said}");
 }
 
 /// Photos in memory and photos in a file give the same bytes and the same scores; the file leaves nothing behind.
@@ -363,4 +388,21 @@ fn presets_and_schedules_prune() {
     let iterations: Vec<_> = pruned["prunes"].as_array().unwrap().iter().map(|p| p["iteration"].clone()).collect();
     assert_eq!(iterations, [104, 120, 136, 160]);
     assert_eq!(pruned["gaussians"]["final"], 77);
+}
+
+/// A black model of black photos: the PSNR is infinite.
+#[test]
+fn equal_pictures_are_called_equal() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    for photo in std::fs::read_dir(scene.join("images")).unwrap() {
+        image::RgbImage::new(48, 36).save(photo.unwrap().path()).unwrap();
+    }
+    let (black, out) = (folder.path().join("black.ply"), folder.path().join("out"));
+    let mut model = small_model(20);
+    model.sh[0].fill(-9.0);
+    qirf_vk::gaussians::formats::write(&black, &model, qirf_vk::gaussians::formats::RenderMode::Plain).unwrap();
+    let mut run = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &*out]);
+    let told = works(run.args(["--iterations", "2", "--no-prune", "--no-report", "--init"]).arg(&black)).out;
+    assert!(told.contains("test   PSNR equal  SSIM 1.0000") && told.contains("train  PSNR equal\n"), "{told}");
 }

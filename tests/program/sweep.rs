@@ -107,6 +107,7 @@ fn the_light_axes_of_a_scene() {
         assert_eq!(page.select(&format!("section#{name} svg[role=img]")).len(), 1, "{name}");
         assert_eq!(page.select(&format!("section#{name} circle.ring")).len(), 1, "{name}: the default is marked");
     }
+    assert!(page.texts("section#stop text").contains(&"exact"), "an infinite PSNR has no number on the axis");
 }
 
 #[test]
@@ -126,6 +127,8 @@ fn a_models_own_axes_with_chosen_rungs() {
     let loss = |r: &str| rung(&swept, "stop", r)["accuracy"].as_f64().unwrap_or(f64::INFINITY);
     assert!(loss("1e-2") >= loss("0.3"), "a later stop loses less");
     assert!(swept["subject"]["origin"].as_str().unwrap().contains("virtual cameras"));
+    let page = std::fs::read_to_string(Path::new(&second).join("sweep.html")).unwrap();
+    assert!(page.contains("on the Pareto front") && !page.contains("ring: default"), "no default was measured");
 }
 
 #[test]

@@ -228,7 +228,7 @@ fn front(axis: &Value) -> Front<'_> {
         title: text(&axis["title"]),
         x: Scale::from_zero(text(&axis["time"])).or_log(&times),
         y: accuracies.axis(text(&axis["accuracy"])),
-        legend: &["on the Pareto front", "not on the front; the default is ringed"],
+        legend: &["on the Pareto front", "not on the front; ring: default"],
         points,
     }
 }

@@ -4,6 +4,7 @@ mod operations;
 mod parse;
 
 use super::console::Console;
+use super::convert::warn_of_clipped;
 use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style::Rendering;
@@ -100,31 +101,32 @@ impl Arguments {
         }
         let numbers = self.json.then(|| numbers(&models));
         let (model, mode) = merge(models, self.rendering.mode())?;
-        let far = rounding(&model).is_some();
+        let (mut far, merged) = (rounding(&model).is_some(), left(model.len(), model.degree()));
         let mut editor = Editor::new(model, numbers);
         if self.inputs.len() > 1 && !self.json {
-            console.print(format_args!("{}: {}", counted(self.inputs.len(), "model"), left(editor.model())))?;
+            console.print(format_args!("{}: {merged}", counted(self.inputs.len(), "model")))?;
         }
         if operations.is_empty() && self.count_only && !self.json {
-            console.print(left(editor.model()))?;
+            console.print(&merged)?;
         }
         for asked in &operations {
-            let before = editor.model().bounds();
+            let before = bounds_before(asked, &mut editor, (&mut far, console))?;
             let step = self.apply((asked, mode, origin), &mut editor, (console, global))?.clone();
             if !self.json {
-                tell(console, &step, editor.model())?;
+                tell(console, &step, editor.degree())?;
             }
             if step.after == 0 && step.before > 0 && !self.count_only {
                 return Err(nothing_left(asked, before));
             }
         }
-        let (model, steps) = editor.finish();
+        let (model, steps) = editor.finish()?;
         if let Some(step) = rounding(&model).filter(|_| !far) {
             console.warn(rounding_warning("the model now lies far from its origin", step));
         }
         let written = if self.count_only { None } else { self.output.as_deref() };
         if let Some(path) = written {
             formats::write_at(path, &model, mode, origin).map_err(Error::writing)?;
+            warn_of_clipped(path, &model, console);
         }
         if self.json {
             return console.json(&json!({
@@ -134,7 +136,8 @@ impl Arguments {
             }));
         }
         if let Some(path) = written {
-            console.note(format_args!("{} in {} ({} bytes)", left(&model), path.display(), bytes_on_disk(path)));
+            let left = left(model.len(), model.degree());
+            console.note(format_args!("{left} in {} ({} bytes)", path.display(), bytes_on_disk(path)));
         }
         Ok(())
     }
@@ -178,7 +181,7 @@ impl Arguments {
             Operation::Views { scene, outside } => {
                 let least = self.least_views.unwrap_or(1) as usize;
                 let scene = open_scene(scene, &OpenOptions::default(), console)?;
-                Edit::Crop { region: seen(editor.model(), origin, &scene, least)?, outside: *outside }
+                Edit::Crop { region: seen(editor.model()?, origin, &scene, least)?, outside: *outside }
             }
             Operation::Matrix(path) => operations::of_matrix(path)?,
             Operation::Floaters => return self.without_floaters((asked, mode, origin), editor, (console, global)),
@@ -196,7 +199,7 @@ impl Arguments {
         let device = global.open()?;
         let (networks, watcher) = (Networks::default(), Show::new(console));
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
-        let (model, style) = (editor.model(), self.rendering.of(mode));
+        let (model, style) = (editor.model()?, self.rendering.of(mode));
         let found = match &self.scene {
             Some(scene) => {
                 let (images, resolution) = (self.images.clone(), self.resolution.clone());
@@ -218,15 +221,36 @@ impl Arguments {
     }
 }
 
-fn left(model: &Gaussians) -> String {
-    format!("{} of SH degree {}", counted(model.len(), "Gaussian"), model.degree())
+fn left(gaussians: usize, degree: usize) -> String {
+    format!("{} of SH degree {degree}", counted(gaussians, "Gaussian"))
 }
 
-fn tell(console: &Console, step: &Step, model: &Gaussians) -> Result<(), Error> {
+/// The least and the greatest coordinates of a model's means.
+type Bounds = ([f32; 3], [f32; 3]);
+
+/// Before an operation other than a move: applies the moves that wait, and returns the model's bounds. Warns if they took it
+/// far from its origin, and it was not `far` before.
+fn bounds_before(
+    asked: &Asked,
+    editor: &mut Editor,
+    (far, console): (&mut bool, &Console),
+) -> Result<Option<Bounds>, Error> {
+    if asked.what.is_move() {
+        return Ok(None);
+    }
+    if let Some(step) = editor.settle()?.filter(|_| !*far) {
+        let what = format!("the model lies far from its origin at {}", asked.name);
+        console.warn(rounding_warning(&what, step));
+        *far = true;
+    }
+    Ok(editor.model()?.bounds())
+}
+
+fn tell(console: &Console, step: &Step, degree: usize) -> Result<(), Error> {
     let Step { edit, after, removed, why, .. } = step;
     match why {
         Some(why) => console.print(format_args!("{edit}: {after} left, {removed} removed ({why})")),
-        None => console.print(format_args!("{edit}: {}", left(model))),
+        None => console.print(format_args!("{edit}: {}", left(*after, degree))),
     }
 }
 

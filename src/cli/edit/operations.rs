@@ -36,6 +36,13 @@ pub(super) enum Operation {
     Floaters,
 }
 
+impl Operation {
+    /// Returns true for a move of the whole model, which the editor applies together with the moves that follow it.
+    pub fn is_move(&self) -> bool {
+        matches!(self, Self::Matrix(_) | Self::Edit(Edit::Transform(_)))
+    }
+}
+
 /// The options of operations; each may occur more than once.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = HEADING)]

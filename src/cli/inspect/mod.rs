@@ -1,5 +1,6 @@
 //! `qirf-vk inspect MODEL|SCENE`.
 
+mod doubts;
 mod model;
 mod scene;
 

@@ -1,5 +1,6 @@
 //! Contents of a scene: views, cameras, points, skipped parts, and the split.
 
+use super::doubts::Doubts;
 use crate::job::{Error, Output};
 use crate::pipeline::effects;
 use crate::pipeline::prepare::refuse_photo_folders;
@@ -12,80 +13,9 @@ use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// Median distances of points from where a photo's pose shows them, in pixels and in medians of all photos, above which it does not fit.
-const MISFIT: (f64, f64) = (4.0, 4.0);
-
-/// Photos that a look at is worth.
-struct Doubts {
-    /// The median over photos of [`View::misfit`].
-    misfit: Option<f64>,
-    /// Photos whose pose does not fit the points, with their distance in pixels, worst first.
-    misfits: Vec<(String, f64)>,
-    /// Numbers of photos that points connect, the largest group first.
-    groups: Vec<usize>,
-    /// Photos outside the largest group.
-    apart: Vec<String>,
-}
-
-impl Doubts {
-    fn of(scene: &Scene) -> Self {
-        let mut fits: Vec<(String, f64)> = Vec::new();
-        for view in &scene.views {
-            if let Some(misfit) = view.misfit.filter(|_| fits.last().is_none_or(|(last, _)| last != view.photo_name()))
-            {
-                fits.push((view.photo_name().to_owned(), misfit));
-            }
-        }
-        fits.sort_by(|(_, a), (_, b)| b.total_cmp(a));
-        let misfit = fits.get(fits.len() / 2).map(|(_, px)| *px);
-        let limit = misfit.map_or(0.0, |middle| MISFIT.0.max(MISFIT.1 * middle));
-        let groups = scene.overlap().unwrap_or_default();
-        Self {
-            misfit,
-            misfits: fits.into_iter().filter(|(_, px)| *px > limit).collect(),
-            groups: groups.iter().map(Vec::len).collect(),
-            apart: groups.into_iter().skip(1).flatten().collect(),
-        }
-    }
-
-    /// Advice, in sentences.
-    fn advice(&self) -> Vec<String> {
-        let mut said = Vec::new();
-        let few = |names: &[&str]| {
-            let more = if names.len() > 5 { ", ..." } else { "" };
-            format!("{}{more}", names[..names.len().min(5)].join(", "))
-        };
-        if let Some(px) = self.misfit.filter(|px| *px > MISFIT.0) {
-            said.push(format!(
-                "poses and points disagree by {px:.1} px in the middle photo: do photos, cameras and points belong together?"
-            ));
-        }
-        if !self.misfits.is_empty() {
-            let names: Vec<&str> = self.misfits.iter().map(|(name, _)| name.as_str()).collect();
-            let photos = counted(names.len(), "photo");
-            said.push(format!(
-                "{photos} with a pose that does not fit the points: leave out, or pose again ({})",
-                few(&names)
-            ));
-        }
-        if !self.apart.is_empty() {
-            let names: Vec<&str> = self.apart.iter().map(String::as_str).collect();
-            let photos = counted(names.len(), "photo");
-            said.push(format!(
-                "{photos} without a point that others of the {} see: take photos between them, or leave them out ({})",
-                self.groups[0],
-                few(&names)
-            ));
-        }
-        said
-    }
-}
-
 /// A page with the scene's points and cameras: training cameras are blue, held-out cameras orange, suspect ones red.
-fn page(scene: &Scene, test: &[usize], doubts: &Doubts, file: &Path) -> Result<(), Error> {
-    let marked: Vec<&str> =
-        doubts.misfits.iter().map(|(name, _)| name).chain(&doubts.apart).map(String::as_str).collect();
-    let model = capture::model(scene, test, &marked);
+fn page(scene: &Scene, test: &[usize], doubts: &Doubts<'_>, file: &Path) -> Result<(), Error> {
+    let model = capture::model(scene, test, &doubts.photos());
     let title = scene.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let options = PageOptions { title, up: scene.up(), near: Some(scene.near), ..PageOptions::default() };
     let page = alone::page(&model, &options, file).map_err(Error::writing)?;
@@ -125,16 +55,18 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
     let test: Vec<usize> =
         (0..scene.views.len()).filter(|i| held_out.contains(scene.views[*i].name.as_str())).collect();
     let errors: Vec<f32> = scene.points.iter().map(|p| p.error).filter(|e| *e > 0.0).collect();
-    let doubts = Doubts::of(&scene);
     if let Some(file) = html {
         refuse_photo_folders(&scene, [file.to_owned()].iter())?;
+    }
+    let (decisions, skipped, agreement) = effects::examine(&scene)?;
+    let doubts = Doubts::of(&scene, agreement);
+    if let Some(file) = html {
         page(&scene, &test, &doubts, file)?;
     }
-    let (decisions, skipped) = effects::of_scene(&scene)?;
     let photos: BTreeSet<&str> = scene.views.iter().map(View::photo_name).collect();
     let unread = skipped.missing_images.count + skipped.damaged_images.count + skipped.unread_images.count;
     let tracks: usize = scene.points.iter().map(|p| p.track.len()).sum();
-    Ok(json!({
+    let facts = json!({
         "kind": "scene",
         "format": scene.kind,
         "source": scene.source.to_string_lossy(),
@@ -148,10 +80,8 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "points": scene.points.len(),
         "mean_track_length": mean(tracks as f64, scene.points.len()),
         "mean_reprojection_px": mean(errors.iter().map(|e| f64::from(*e)).sum(), errors.len()),
-        "misfit_px": doubts.misfit,
-        "misfits": doubts.misfits.iter().map(|(photo, px)| json!({ "photo": photo, "px": px })).collect::<Vec<_>>(),
-        "photo_groups": doubts.groups,
-        "apart": doubts.apart,
+    });
+    let decided = json!({
         "extent": present.extent(&held.train),
         "near_plane": scene.near,
         "origin": scene.origin.to_array(),
@@ -160,7 +90,17 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "skipped": skipped.summary(),
         "advice": doubts.advice().into_iter().chain(scene.lacks_points()).chain(rotated(&scene)).collect::<Vec<_>>(),
         "effects": decisions,
-    }))
+    });
+    Ok(joined([facts, doubts.fields(), decided]))
+}
+
+/// One document with the fields of several, in their order.
+fn joined(documents: [Value; 3]) -> Value {
+    let fields = documents.into_iter().filter_map(|document| match document {
+        Value::Object(fields) => Some(fields),
+        _ => None,
+    });
+    Value::Object(fields.flatten().collect())
 }
 
 fn camera(id: u32, view: &View, views: usize) -> Value {

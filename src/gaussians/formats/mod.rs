@@ -6,6 +6,7 @@
 
 mod axes;
 mod bytes;
+mod clipped;
 mod fault;
 mod georeference;
 mod gltf;
@@ -38,6 +39,7 @@ use serde::Serialize;
 use super::{Error, Gaussians};
 pub use crate::checksum::crc32;
 use crate::wording::{counted, named};
+pub use clipped::{clip_warning, clipped};
 use fault::Fault;
 pub use georeference::georeference;
 pub use output::{check_place, refuse_overwrite, remove_leftovers, write_atomically};
@@ -46,7 +48,9 @@ pub use precision::{Ladder, Precision, SogPrecision, SpzPrecision, ladder, usual
 pub use render_mode::RenderMode;
 use render_mode::Tag;
 pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};
-pub use write::{SpzVersion, check_output, encode, is_exact, is_levels, spz, write, write_at, write_levels};
+pub use write::{
+    SpzVersion, check_output, encode, is_exact, is_levels, spz, write, write_at, write_levels, written_as,
+};
 
 named! {
     /// The kinds of model file that can be read.

@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Precision, RenderMode, georeference, gltf, ply, sog, usd, usual, write_atomically};
+use super::{Format, Precision, RenderMode, georeference, gltf, ply, sog, usd, usual, write_atomically};
 use crate::extension::extension;
 use crate::gaussians::{Error, Gaussians};
 
@@ -57,6 +57,18 @@ pub enum SpzVersion {
 /// Refuses a `path` whose extension no writer knows, before any work is done for it.
 pub fn check_output(path: &Path) -> Result<(), Error> {
     Written::of(path).map(drop)
+}
+
+/// The format of a file of this name; none if no writer knows its extension.
+pub fn written_as(path: &Path) -> Option<Format> {
+    Written::of(path).ok().map(|written| match written {
+        Written::Ply => Format::Ply,
+        Written::CompressedPly => Format::CompressedPly,
+        Written::Spz => Format::Spz,
+        Written::Sog => Format::Sog,
+        Written::Glb => Format::Gltf,
+        Written::Usda | Written::Usdz => Format::Usd,
+    })
 }
 
 /// True for formats that store floats, so that their pictures are those of the model.

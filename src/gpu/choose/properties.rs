@@ -8,7 +8,8 @@ use crate::kernels::needs;
 use ash::{ext, khr, vk};
 use std::ffi::CStr;
 
-/// Shared memory that kernels of every tuning fit into: the minimum that Vulkan guarantees.
+/// Shared memory that a device must have: the minimum that Vulkan guarantees. Kernels in the usual shapes of GPUs fit into it; others are
+/// compared with the device's own by `Tuning::check`.
 pub(in crate::gpu) const SHARED_BYTES: u32 = 16 << 10;
 
 /// Subgroup size on Intel's GPUs.
@@ -362,6 +363,20 @@ mod tests {
         assert_eq!(TuningChoice::default().on(&info).map(|tuning| tuning.subgroup).ok(), Some(16));
         report.base.vendor_id = 0x1002;
         assert_eq!(report.info(0).subgroup_size, 32);
+    }
+
+    /// A serial sort has counters for each invocation: in the shapes of CPUs, 34 KiB on subgroups of 32.
+    #[test]
+    fn sorts_beyond_the_shared_memory_are_refused() {
+        let info = moltenvk(1_03_00).info(0);
+        let chosen = |text: &str| text.parse().map(|choice: TuningChoice| choice.on(&info)).expect("a choice");
+        for fits in ["", "gpu", "gpu,sort_workgroup=512"] {
+            assert!(chosen(fits).is_ok(), "{fits}: {:?}", chosen(fits));
+        }
+        for beyond in ["cpu", "gpu,sort_workgroup=1024"] {
+            let told = chosen(beyond).expect_err(beyond).to_string();
+            assert!(told.contains("sort_workgroup") && told.contains("34816") && told.contains("32768"), "{told}");
+        }
     }
 
     #[test]

@@ -193,6 +193,12 @@ impl Tuning {
         self.backward_batch.saturating_mul(subgroups * 4 * 12 + 40 + 8).saturating_add(4 * subgroups)
     }
 
+    /// Bytes of shared memory of a sort: a counter of each value of a digit for each unit that ranks keys, and two more for the block.
+    fn sort_bytes(&self) -> u32 {
+        let units = if self.sort_serial { self.sort_workgroup } else { self.sort_workgroup / self.subgroup };
+        units.saturating_add(2).saturating_mul(4 << 8)
+    }
+
     /// Reports the first field that does not fit a device, and why.
     pub(in crate::gpu) fn check(&self, info: &DeviceInfo) -> Result<(), String> {
         let subgroup = info.subgroup_size;
@@ -239,6 +245,9 @@ impl Tuning {
         if self.sort_serial {
             need(self.sort_workgroup == subgroup, "sort_workgroup", "one subgroup where a sort is serial")?;
         }
+        let (counters, shared) = (self.sort_bytes(), info.shared_bytes);
+        let what = format!("so small that its counters ({counters} bytes) fit into {shared} bytes of shared memory");
+        need(counters <= shared, "sort_workgroup", &what)?;
         need((1..=64).contains(&self.adam_block), "adam_block", "from 1 to 64")?;
         let loss = [0, 8, 16].contains(&self.loss_tile) && self.loss_tile * self.loss_tile <= info.max_workgroup;
         need(loss, "loss_tile", "0, 8 or 16, its square no more than a workgroup")?;
@@ -273,6 +282,7 @@ mod tests {
         for subgroup in [4, 8, 16, 32, 64, 128] {
             for row in [1024, 768, 384].map(|most| Tuning::gpu(DeviceClass::Gpu, subgroup, most)) {
                 assert!(row.sort_workgroup.is_power_of_two() && row.sort_rows_max.is_power_of_two(), "{row:?}");
+                assert!(row.sort_bytes().max(row.backward_bytes()) <= SHARED_BYTES, "{row:?}");
             }
             for row in [Tuning::cpu(subgroup), Tuning::gpu(DeviceClass::Gpu, subgroup, 1024)] {
                 // No CPU device has subgroups wider than the 64 pixels of a tile.

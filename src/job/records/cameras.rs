@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 
 /// PSNR in dB of held-out photos below which a model is no witness: cameras then fit what it gets wrong.
 const WITNESS: f64 = 17.0;
+/// Iterations per training photo below which a model is no witness: moved cameras then fit what it has not learnt yet.
+const LEARNT: f64 = 30.0;
 
 /// Errors of the cameras of held-out photos, as a model shows them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,16 +27,31 @@ impl CameraErrors {
         self.psnr >= WITNESS
     }
 
-    /// A sentence for a user whose poses limit the result; none if they do not. It has no advice if `known`: where cameras are
-    /// corrected already, or nothing is trained.
-    pub fn note(&self, known: bool) -> Option<String> {
+    /// A sentence for a user whose poses may limit the result; none if they do not. `passes` is the length of the training in
+    /// iterations per training photo, where it is known. There is no advice if `known`: where cameras are corrected already, or
+    /// nothing is trained.
+    pub fn note(&self, passes: Option<f64>, known: bool) -> Option<String> {
         let Self { pixels, psnr, fitted_psnr, .. } = *self;
         let advice = if known { "" } else { "; --effect poses=on corrects those of the training photos" };
-        (self.tells() && pixels.min(fitted_psnr - psnr) >= MOVED).then(|| {
+        let is_witness = self.tells() && passes.is_none_or(|passes| passes >= LEARNT);
+        (is_witness && pixels.min(fitted_psnr - psnr) >= MOVED).then(|| {
             format!(
-                "the poses are inaccurate: held-out photos have {psnr:.2} dB, and {fitted_psnr:.2} dB if their cameras \
-                 move by {pixels:.1} pixels (median){advice}"
+                "the poses may be inaccurate, or the training was too short: held-out photos have {psnr:.2} dB, and \
+                 {fitted_psnr:.2} dB if their cameras move by {pixels:.1} pixels (median){advice}"
             )
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_short_training_says_nothing_about_poses() {
+        let errors = CameraErrors { views: 2, pixels: 0.5, psnr: 17.18, fitted_psnr: 17.69 };
+        let told = [None, Some(20.0 / 14.0), Some(30.0)].map(|passes| errors.note(passes, false).is_some());
+        assert_eq!(told, [true, false, true]);
+        assert!(errors.note(None, true).is_some_and(|note| note.contains("or the training was too short")));
     }
 }

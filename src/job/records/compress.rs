@@ -28,6 +28,8 @@ pub struct CompressRecord {
     pub input: ModelFile,
     /// The compressed model.
     pub output: ModelFile,
+    /// Gaussians whose colours the file's format cuts off.
+    pub clipped: usize,
     /// The prune: its choice, and statistics of its blocks.
     pub prune: PruneRecord,
     /// The search for a file of a wanted size or PSNR; absent if none was wanted.

@@ -49,14 +49,13 @@ pub fn page(compared: &CompareRecord, folder: &Path) -> String {
 }
 
 fn figures(compared: &CompareRecord) -> Markup {
-    let versus = compared.arms.first().map_or_else(String::new, |first| format!("PSNR minus {}'s / dB", first.name));
     let table = list(
         &compared.arms,
         &[
             (Text("arm"), &|a| a.name.clone()),
             (Number("PSNR / dB"), &|a| decimals(a.psnr, 2)),
             (Number("deviation / dB"), &|a| decimals(a.psnr_spread, 2)),
-            (Number(&versus), &|a| {
+            (Number("difference / dB"), &|a| {
                 a.paired.map_or_else(String::new, |p| format!("{p}{}", if p.tie { " (tie)" } else { "" }))
             }),
             (Number("SSIM"), &|a| decimals(a.ssim, 4)),
@@ -71,10 +70,14 @@ fn figures(compared: &CompareRecord) -> Markup {
     );
     html! {
         (table)
-        @if compared.arms.iter().any(|a| a.paired.is_some()) {
+        @if let Some(first) = compared.arms.first().filter(|_| compared.arms.iter().any(|a| a.paired.is_some())) {
             p {
-                "Differences are means over views and seeds of the same view and seed, with their standard error: the larger of \
-                 those over views and over seeds. Up to two of them are a tie."
+                "Difference: mean PSNR minus that of " (first.name) ", over the same views with the same seeds, ± its standard error \
+                 (the larger of those over views and over seeds). It counts only if it exceeds Student's t (95 %) times its standard \
+                 error over views and, with several seeds, over seeds; otherwise the two are a tie."
+                @if compared.seeds.len() < 2 {
+                    " Only one seed was trained: differences are over views only; another seed may differ."
+                }
             }
         }
         @for (name, done) in compared.arms.iter().filter_map(|a| Some((&a.name, a.cut.as_ref()?))) {

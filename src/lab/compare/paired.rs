@@ -6,8 +6,8 @@ use crate::pipeline::evaluate::mean;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Standard errors up to which a difference is a tie.
-const TIED: f64 = 2.0;
+/// Student's t, two-sided at 95 %, for means of 2 to 10 values.
+const T: [f64; 9] = [12.706205, 4.302653, 3.182446, 2.776445, 2.570582, 2.446912, 2.364624, 2.306004, 2.262157];
 
 /// The difference of an arm from the first one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -17,8 +17,32 @@ pub struct Paired {
     /// Its standard error in dB: the larger of those over views (each the mean over seeds) and over seeds (each the mean over views);
     /// null for a single view and seed.
     pub error: Option<f64>,
-    /// True if the difference is at most two standard errors, or if there is no error to compare it with.
+    /// The spread over views; null for a single one.
+    pub over_views: Option<Sample>,
+    /// The spread over seeds; null for a single one: then nothing tells what another seed would give.
+    pub over_seeds: Option<Sample>,
+    /// False if the difference exceeds `t` standard errors both over views and over seeds, as far as there are several. True if there
+    /// is a single view and seed.
     pub tie: bool,
+}
+
+/// The values that a mean difference is taken of: one for each view, or one for each seed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sample {
+    /// Their number, at least two.
+    pub n: usize,
+    /// Standard error of their mean, in dB.
+    pub error: f64,
+    /// Student's t for `n` values: a mean without a true difference exceeds `t` standard errors in 5 % of cases.
+    pub t: f64,
+}
+
+impl Sample {
+    /// Of values in dB; none of fewer than two.
+    fn of(values: &[f64]) -> Option<Self> {
+        let n = values.len();
+        Some(Self { n, error: deviation(values)? / (n as f64).sqrt(), t: student(n) })
+    }
 }
 
 impl fmt::Display for Paired {
@@ -41,8 +65,11 @@ impl Paired {
         let of_view = |v: usize| mean_of(rows.iter().filter_map(|row| row.get(v)));
         let views: Vec<f64> = (0..count).filter_map(of_view).collect();
         let difference = mean(&seeds)?;
-        let error = [error(&seeds), error(&views)].into_iter().flatten().reduce(f64::max);
-        Some(Self { difference, error, tie: error.is_none_or(|error| difference.abs() <= TIED * error) })
+        let (over_views, over_seeds) = (Sample::of(&views), Sample::of(&seeds));
+        let samples = || [over_views, over_seeds].into_iter().flatten();
+        let error = samples().map(|sample| sample.error).reduce(f64::max);
+        let tie = error.is_none() || samples().any(|sample| difference.abs() <= sample.t * sample.error);
+        Some(Self { difference, error, over_views, over_seeds, tie })
     }
 }
 
@@ -59,9 +86,14 @@ fn mean_of<'a>(values: impl Iterator<Item = &'a Option<f64>>) -> Option<f64> {
     mean(&values.copied().flatten().collect::<Vec<f64>>())
 }
 
-/// Standard error of a mean; none of fewer than two values.
-fn error(values: &[f64]) -> Option<f64> {
-    Some(deviation(values)? / (values.len() as f64).sqrt())
+/// Student's t for the mean of `n` values (at least two): the 97.5 % quantile with n - 1 degrees of freedom. Above ten values by the
+/// first terms of its expansion in powers of 1 / (n - 1), too small by at most 1e-5.
+fn student(n: usize) -> f64 {
+    if let Some(t) = T.get(n.saturating_sub(2)) {
+        return *t;
+    }
+    let x = 1.0 / (n as f64 - 1.0);
+    1.959963985 + x * (2.372271230 + x * (2.822498616 + x * (2.555849680 + x * 1.589534053)))
 }
 
 #[cfg(test)]
@@ -83,6 +115,29 @@ mod tests {
         );
         let mixed = Paired::of(&arm(&[&[20.5, 29.6, 40.4, 24.7]]), &first).unwrap();
         assert!(mixed.tie && (mixed.difference - 0.05).abs() < 1e-9, "{mixed:?}");
+    }
+
+    #[test]
+    fn students_t_is_that_of_published_tables() {
+        let known = [(2, 12.7062), (3, 4.3027), (6, 2.5706), (10, 2.2622), (11, 2.2281), (30, 2.0452), (61, 2.0003)];
+        for (n, t) in known.into_iter().chain([(1001, 1.9623), (1_000_000, 1.9600)]) {
+            assert!((student(n) - t).abs() < 6e-5, "{n}: {}", student(n));
+        }
+        assert!((2..300).all(|n| student(n) > student(n + 1)));
+    }
+
+    #[test]
+    fn few_seeds_have_to_agree_better_than_many() {
+        let [flat, low, high]: [&[f64]; 3] = [&[30.0, 31.0], &[30.2, 31.2], &[30.3, 31.3]];
+        let first = arm(&[flat; 4]);
+        // Differences of 0.2 and 0.3 dB: five standard errors.
+        let two = Paired::of(&arm(&[low, high]), &first).unwrap();
+        assert!(two.tie && two.difference > 4.9 * two.error.unwrap(), "{two:?}");
+        assert_eq!(two.over_seeds.map(|seeds| (seeds.n, seeds.t)), Some((2, T[0])));
+        assert!(!Paired::of(&arm(&[low, high, low, high]), &first).unwrap().tie);
+        // The same differences of two views, with one seed.
+        let one = Paired::of(&arm(&[&[30.2, 31.3]]), &first).unwrap();
+        assert!(one.tie && one.over_seeds.is_none() && one.over_views.is_some_and(|views| views.n == 2), "{one:?}");
     }
 
     #[test]

@@ -39,7 +39,7 @@ fn summary(swept: &SweepRecord) -> Markup {
         }
         p class="hint" {
             "The rungs of an axis take turns, round after round. The first round is not counted, because it also compiles. Times are \
-             medians; whiskers are quartiles. They are device timestamps where the device did the work, else the host's clock."
+             medians; whiskers are quartiles. The device times its own work, the host all other."
         }
     }
 }
@@ -69,27 +69,28 @@ fn plot(record: &AxisRecord) -> Markup {
             Some(figure) => r.figures.get(figure).map(|v| (*v, [*v; 2]))?,
             None => r.time.map(|t| (t.median, [t.q1, t.q3]))?,
         };
-        let place = accuracies.place(r.accuracy, r.exact)?;
-        // An error of zero has no place on a logarithmic axis.
-        let exact = if place == accuracies.beyond && r.name != "exact" { " (exact)" } else { "" };
         Some(Point {
-            label: format!("{}{exact}", r.name),
+            label: r.name.clone(),
             told: format!("{}: {} at {}", r.name, record.shown(r), short(at)),
-            at: [at, place],
+            at: [at, accuracies.place(r.accuracy, r.exact)?],
             spread,
             front: r.front,
             default: r.default,
         })
     };
     let mut points: Vec<Point> = record.rungs.iter().filter_map(point).collect();
-    let mut legend = ["on the Pareto front", "not on the front; the default is ringed"];
+    let mut legend = ["on the Pareto front", "not on the front"].map(str::to_owned);
     if axis.abscissa.is_some() {
         // Times, which the Pareto front is about, are not shown here: the line goes through the values of epsilon.
-        legend = ["values of epsilon; the default is ringed", "dilations"];
+        legend = ["values of epsilon", "dilations"].map(str::to_owned);
         for point in &mut points {
             point.front = !point.label.starts_with("t=");
         }
     }
+    if points.iter().any(|p| p.default) {
+        legend[1] += "; ring: default";
+    }
+    let legend = legend.each_ref().map(String::as_str);
     let xs: Vec<f64> = points.iter().map(|p| p.at[0]).collect();
     let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's Gram matrix");
     let x = if axis.abscissa.is_some() { Scale::new(title) } else { Scale::from_zero(title) };

@@ -136,5 +136,5 @@ pub fn of_model(
     let described = Described::default();
     let subject = Subject { model, responses, views, settings, described };
     Ok(subject
-        .told(path, format!("the model itself; responses of {AROUND} virtual cameras round it to its own pictures")))
+        .told(path, format!("drawn by {AROUND} virtual cameras around the model, compared with its own pictures")))
 }

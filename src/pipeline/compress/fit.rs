@@ -153,7 +153,9 @@ impl<'a> Target<'a> {
 
     /// The name of its format, for messages.
     fn kind(&self) -> String {
-        self.path.extension().or(self.format.extension()).unwrap_or_default().to_string_lossy().to_uppercase()
+        let path = if self.path.extension().is_some() { self.path } else { self.format };
+        let of_name = || path.extension().unwrap_or_default().to_string_lossy().to_uppercase();
+        formats::written_as(path).map_or_else(of_name, |format| format.to_string())
     }
 }
 

@@ -168,6 +168,7 @@ fn reduce(
         protocol: views.protocol(config),
         input,
         output: ModelFile::of(target.path, &model),
+        clipped: formats::clipped(target.path, &model),
         prune,
         aim,
         test: StageScores::mean(&stages),

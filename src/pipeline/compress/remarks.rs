@@ -2,6 +2,7 @@
 
 use super::fit::megabytes;
 use crate::extension::has_extension;
+use crate::gaussians::formats;
 use crate::job::records::{Aim, CompressRecord};
 use crate::metrics::Scores;
 use std::path::Path;
@@ -55,7 +56,8 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
     let psnr = |scores: &Option<Scores>| scores.as_ref().map(|scores| scores.psnr.unwrap_or(f64::INFINITY));
     let packing = psnr(test.fine_tuned.as_ref().map_or(&test.pruned, |_| &test.fine_tuned)).zip(psnr(&test.written));
     let ruined = packing.filter(|(before, written)| aim.is_none() && before - written > PACKED);
-    of_aim.into_iter().chain(ruined.and_then(|(_, written)| poor(&output.path, written))).collect()
+    let clipped = formats::clip_warning(&output.path, figures.clipped).map(Remark::Warning);
+    of_aim.into_iter().chain(ruined.and_then(|(_, written)| poor(&output.path, written))).chain(clipped).collect()
 }
 
 /// The warning of a poor copy, with the PSNR of its pictures.

@@ -120,7 +120,7 @@ impl Views {
         let photos = vec![4 * u64::from(size[0]) * u64::from(size[1]); cameras.views as usize + OUTWARD];
         let needs = CompressNeeds { size, own_pictures: true, photos, ..CompressNeeds::default() };
         let place = budget::for_compress(session.device, model, Self::with_config(needs, model, config))?;
-        let views = cameras.views(model, background, config.style);
+        let views = cameras.framing_views(model, background, config.style);
         let settings = views.settings;
         let shown = DrawSource::new(session, model, place.whole)?;
         let OwnPictures { train, test } =

@@ -2,7 +2,7 @@
 //! other half is scored before and after. The model is the witness: no point or track is needed.
 
 use super::camera_fit::{CameraFit, SIDE, is_fitted};
-use super::evaluator::{counts, truth};
+use super::evaluator::{counts, truth, weights};
 use crate::gaussians::Gaussians;
 use crate::job::records::CameraErrors;
 use crate::job::{Error, Session};
@@ -49,7 +49,8 @@ pub fn camera_errors(
     for (photo, depths) in photos.into_iter().zip(&depths) {
         session.watcher.unless_stopped()?;
         let background = settings.background;
-        let fit = CameraFit { photo, truth: truth(photo, background)?, depths, background, fits_exposure };
+        let (truth, weights) = (truth(photo, background)?, weights(photo)?);
+        let fit = CameraFit { photo, truth, weights, depths, background, fits_exposure };
         found.push(fit.run(&mut |camera| Ok(painter.render(shown.source(), camera)?))?);
     }
     let mean = |k: usize| found.iter().map(|fitted| fitted.psnr[k]).sum::<f64>() / count as f64;

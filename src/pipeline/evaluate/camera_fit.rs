@@ -36,6 +36,8 @@ pub struct CameraFit<'a> {
     pub photo: &'a Photo,
     /// Its red, green and blue in [0, 1] over the background, row by row.
     pub truth: Vec<f32>,
+    /// What a mask lets count of each of these values, 0 to 1; none without a mask.
+    pub weights: Option<Vec<f32>>,
     /// Depth of each pixel along the camera's axis; infinite where the model shows nothing.
     pub depths: &'a [f32],
     /// Colour behind the Gaussians.
@@ -89,9 +91,15 @@ impl CameraFit<'_> {
 
     /// A picture as it is compared with the photo.
     fn compared(&self, image: &Image) -> Result<Vec<f32>, Error> {
-        let mut rendered = rgb(image);
-        hide(&mut rendered, self.photo, self.background)?;
-        Ok(if self.fits_exposure { exposed(&rendered, &self.truth, self.width()) } else { rendered })
+        let plain = rgb(image);
+        let mut seen = plain.clone();
+        hide(&mut seen, self.photo, self.background)?;
+        if !self.fits_exposure {
+            return Ok(seen);
+        }
+        let mut shown = exposed(&seen, &self.truth, &plain, self.width());
+        hide(&mut shown, self.photo, self.background)?;
+        Ok(shown)
     }
 
     /// Columns of a row that are looked at, some of each row of a large photo: those that are fitted, or those that are scored.
@@ -102,21 +110,23 @@ impl CameraFit<'_> {
     }
 
     /// The sum of a function of the differences' squares in the squares that are fitted, or those that are scored, and the
-    /// number of these differences.
-    fn sum(&self, rendered: &[f32], fitted: bool, of: impl Fn(f64) -> f64 + Sync) -> (f64, usize) {
+    /// number of these differences that masks leave.
+    fn sum(&self, rendered: &[f32], fitted: bool, of: impl Fn(f64) -> f64 + Sync) -> (f64, f64) {
         let width = 3 * self.width();
         let rows = rendered.par_chunks_exact(width).zip(self.truth.par_chunks_exact(width)).enumerate();
         let row = |(y, (a, b)): (usize, (&[f32], &[f32]))| {
             let values = self.columns(y, fitted).flat_map(|x| 3 * x..3 * x + 3);
-            values.fold((0.0, 0), |(sum, n), k| (sum + of((f64::from(a[k]) - f64::from(b[k])).powi(2)), n + 1))
+            let counts = |k: usize| self.weights.as_ref().map_or(1.0, |w| f64::from(w[y * width + k]).powi(2));
+            values
+                .fold((0.0, 0.0), |(sum, n), k| (sum + of((f64::from(a[k]) - f64::from(b[k])).powi(2)), n + counts(k)))
         };
-        let rows: Vec<(f64, usize)> = rows.map(row).collect();
+        let rows: Vec<(f64, f64)> = rows.map(row).collect();
         (rows.iter().map(|row| row.0).sum(), rows.iter().map(|row| row.1).sum())
     }
 
     fn mean_square(&self, rendered: &[f32], fitted: bool) -> f64 {
         let (sum, count) = self.sum(rendered, fitted, |square| square);
-        sum / count.max(1) as f64
+        sum / count.max(f64::MIN_POSITIVE)
     }
 
     /// The error that steps reduce. Large differences, which no camera explains, have little weight.

@@ -50,6 +50,15 @@ pub fn hide(rendered: &mut [f32], view: &Photo, background: [f32; 3]) -> Result<
     Ok(())
 }
 
+/// What a photo's mask lets count of each value of its picture, 0 to 1; none without a mask.
+pub fn weights(view: &Photo) -> Result<Option<Vec<f32>>, Error> {
+    if view.alpha_role != AlphaRole::Mask {
+        return Ok(None);
+    }
+    let bytes = view.pixels.read().map_err(train::Error::Photos)?;
+    Ok(Some(bytes.chunks_exact(4).flat_map(|p| [f32::from(p[3]) / 255.0; 3]).collect()))
+}
+
 /// Returns true if something of a photo's pixels in these columns and rows counts: masks hide the rest.
 pub fn counts(view: &Photo, compared: impl Fn(usize, usize) -> bool) -> Result<bool, Error> {
     if view.alpha_role != AlphaRole::Mask {
@@ -100,8 +109,24 @@ impl HeldOut {
     }
 }
 
-/// Width and height, then red, green, blue in [0, 1] of a rendered picture and of its photo.
-type Compared = ([usize; 2], Vec<f32>, Vec<f32>);
+/// A rendered picture and its photo, as they are compared.
+struct Compared {
+    size: [usize; 2],
+    /// Red, green, blue in [0, 1].
+    rendered: Vec<f32>,
+    photo: Vec<f32>,
+    /// What a mask lets count of each value.
+    weights: Option<Vec<f32>>,
+}
+
+impl Compared {
+    fn images(&self) -> Result<[metrics::Image<'_>; 2], Error> {
+        let [w, h] = self.size;
+        let photo = metrics::Image::new(w, h, &self.photo)?;
+        let photo = self.weights.as_ref().map_or(Ok(photo), |weights| photo.weighted(weights))?;
+        Ok([metrics::Image::new(w, h, &self.rendered)?, photo])
+    }
+}
 
 /// Renders views of a model one after the other, and compares them with their photos on all cores meanwhile.
 pub struct Evaluator {
@@ -122,27 +147,32 @@ impl Comparison {
         if !counts(view, |x, _| !self.fits_exposure || x >= view.camera.width as usize / 2)? {
             return Ok(None);
         }
-        let (mut rendered, photo) = (rgb(image), truth(view, self.background)?);
+        let (plain, photo, weights) = (rgb(image), truth(view, self.background)?, weights(view)?);
+        let mut rendered = plain.clone();
         hide(&mut rendered, view, self.background)?;
         let (w, h) = (image.width as usize, image.height as usize);
         if !self.fits_exposure {
-            return Ok(Some(([w, h], rendered, photo)));
+            return Ok(Some(Compared { size: [w, h], rendered, photo, weights }));
         }
-        let (half, rendered) = right_half(&exposed(&rendered, &photo, w), w);
-        Ok(Some(([half, h], rendered, right_half(&photo, w).1)))
+        let mut shown = exposed(&rendered, &photo, &plain, w);
+        hide(&mut shown, view, self.background)?;
+        let (half, rendered) = right_half(&shown, w);
+        let weights = weights.map(|weights| right_half(&weights, w).1);
+        Ok(Some(Compared { size: [half, h], rendered, photo: right_half(&photo, w).1, weights }))
     }
 
     fn score(self, image: &Image, view: &Photo, networks: &Networks) -> Result<Scores, Error> {
-        let Some(([w, h], rendered, photo)) = self.pair(image, view)? else { return Ok(Scores::hidden()) };
-        let rendered = metrics::Image::new(w, h, &rendered)?;
-        let photo = metrics::Image::new(w, h, &photo)?;
+        let Some(compared) = self.pair(image, view)? else { return Ok(Scores::hidden()) };
+        let [rendered, photo] = compared.images()?;
         Ok(metrics::evaluate(&rendered, &photo, networks)?)
     }
 
     fn psnr(self, image: &Image, view: &Photo) -> Result<Option<f64>, Error> {
-        let Some(([w, h], rendered, photo)) = self.pair(image, view)? else { return Ok(None) };
-        let (rendered, photo) = (metrics::round_trip_8bit(&rendered), metrics::round_trip_8bit(&photo));
-        Ok(Some(metrics::psnr(&metrics::Image::new(w, h, &rendered)?, &metrics::Image::new(w, h, &photo)?)?))
+        let Some(mut compared) = self.pair(image, view)? else { return Ok(None) };
+        compared.rendered = metrics::round_trip_8bit(&compared.rendered);
+        compared.photo = metrics::round_trip_8bit(&compared.photo);
+        let [rendered, photo] = compared.images()?;
+        Ok(Some(metrics::psnr(&rendered, &photo)?))
     }
 }
 
@@ -309,5 +339,35 @@ impl Evaluator {
             }
         }
         Ok(Some(views.len() as f64 / started.elapsed().as_secs_f64()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::camera::Camera;
+    use glam::DVec3;
+
+    /// Errors of 25 levels in turn, of both signs, below a mask that hides the upper rows.
+    #[test]
+    fn a_score_does_not_depend_on_how_much_a_mask_hides() {
+        let (w, h) = (40, 40);
+        let camera = Camera::look_at(-DVec3::Z, DVec3::ZERO, DVec3::Y, 1.0, w, h);
+        let level = |i: u32| (80 + i * 37 % 90) as u8;
+        let image =
+            Image { width: w, height: h, pixels: (0..w * h).map(|i| [f32::from(level(i)) / 255.0; 4]).collect() };
+        for (hidden, fits_exposure) in [(0, false), (20, false), (36, false), (0, true), (20, true), (36, true)] {
+            let photo = (0..w * h).flat_map(|i| {
+                let value = if (i / w + i).is_multiple_of(2) { level(i) + 25 } else { level(i) - 25 };
+                [value, value, value, if i < hidden * w { 0 } else { 255 }]
+            });
+            let pixels = photo.collect::<Vec<u8>>();
+            let view = Photo { alpha_role: AlphaRole::Mask, ..Photo::opaque(camera.clone(), pixels) };
+            let comparison = Comparison { background: [0.9, 0.9, 0.9], fits_exposure };
+            let scores = comparison.score(&image, &view, &Networks::default()).unwrap();
+            let psnr = comparison.psnr(&image, &view).unwrap().unwrap();
+            assert!((psnr - 20.17).abs() < 0.8, "{hidden} rows hidden: {psnr}");
+            assert_eq!(scores.psnr, Some(psnr));
+        }
     }
 }

@@ -12,10 +12,10 @@ const TERMS: usize = 4;
 /// Weight of the pull towards the identity, in pixels: decides where a picture leaves the affine undetermined.
 const RIDGE: f64 = 1e-3;
 
-/// A rendered picture exposed like the photo, whose left half tells how, and clamped to [0, 1]. Pictures are row by row, red,
-/// green, blue in [0, 1].
-pub fn exposed(rendered: &[f32], photo: &[f32], width: usize) -> Vec<f32> {
-    let affine = fit(rendered, photo, width, 0..width / 2);
+/// The picture `rendered` exposed like the photo, and clamped to [0, 1]. The photo's left half tells how, compared with that of `seen`:
+/// the same picture with the background where a mask hides the photo. Pictures are row by row, red, green, blue in [0, 1].
+pub fn exposed(seen: &[f32], photo: &[f32], rendered: &[f32], width: usize) -> Vec<f32> {
+    let affine = fit(seen, photo, width, 0..width / 2);
     let expose = |x: &[f32]| {
         affine.map(|row| {
             let y = row[3] + (0..3).map(|c| row[c] * f64::from(x[c])).sum::<f64>();
@@ -68,13 +68,13 @@ mod tests {
         let photo: Vec<f32> = (0..3 * width * height).map(value).collect();
         let dim: Vec<f32> =
             photo.chunks_exact(3).flat_map(|p| [0.8 * p[0] + 0.1, 0.7 * p[1], 0.9 * p[2] + 0.05]).collect();
-        let (w, exposed) = right_half(&exposed(&dim, &photo, width), width);
+        let (w, exposed) = right_half(&exposed(&dim, &photo, &dim, width), width);
         let right = right_half(&photo, width).1;
         assert_eq!((w, exposed.len(), right.len()), (5, 3 * 5 * height, 3 * 5 * height));
         assert!(exposed.iter().zip(&right).all(|(a, b)| (a - b).abs() < 2e-3));
         // Nothing to fit on: the colours stay unchanged.
-        assert_eq!(right_half(&super::exposed(&photo[..3], &photo[..3], 1), 1).1, photo[..3]);
+        assert_eq!(right_half(&super::exposed(&photo[..3], &photo[..3], &photo[..3], 1), 1).1, photo[..3]);
         let flat = vec![0.5; 3 * width * height];
-        assert!(super::exposed(&flat, &photo, width).iter().all(|v| v.is_finite()));
+        assert!(super::exposed(&flat, &photo, &flat, width).iter().all(|v| v.is_finite()));
     }
 }

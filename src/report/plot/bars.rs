@@ -6,15 +6,13 @@ use super::{Drawing, px};
 use crate::report::format::short;
 use maud::{Markup, html};
 
-/// Width of a plot of bars, and the left and right ends of the bars.
+/// Width of a plot of bars.
 const WIDTH: f64 = 540.0;
-const BEGIN: f64 = 176.0;
-const END: f64 = 430.0;
-/// Height of a row and of its bar.
-const ROW: f64 = 24.0;
-const THICK: f64 = 15.0;
-/// Number of characters of a name that fit before the bars.
-const NAME: usize = 26;
+/// Height of a row, the baseline of its text, and the upper edge and the height of its bar below.
+const ROW: f64 = 34.0;
+const TEXT: f64 = 14.0;
+const BAR: f64 = 19.0;
+const THICK: f64 = 9.0;
 /// Largest number of columns with values above them.
 const NUMBERED: usize = 12;
 
@@ -24,11 +22,11 @@ pub struct Bar {
     pub name: String,
     /// Its length, from zero.
     pub value: f64,
-    /// Text at its end.
+    /// Its value as text.
     pub text: String,
 }
 
-/// Bars below each other, in the given order; the longest takes the full width.
+/// Bars below each other, in the given order, each under its label and its value; the longest takes the full width.
 pub fn bars(title: &str, bars: &[Bar]) -> Markup {
     drawing_of_bars(title, bars).figure()
 }
@@ -39,23 +37,15 @@ pub fn drawing_of_bars(title: &str, bars: &[Bar]) -> Drawing {
     let longest = bars.iter().map(|b| positive(b.value)).fold(0.0, f64::max);
     let drawing = html! {
         @for (k, bar) in bars.iter().enumerate() {
-            @let top = k as f64 * ROW + 4.0;
-            @let length = if longest > 0.0 { positive(bar.value) / longest * (END - BEGIN) } else { 0.0 };
-            @let base = px(top + THICK / 2.0 + 4.0);
-            text class="mark end" x=(px(BEGIN - 8.0)) y=(base) { title { (bar.name) } (cut(&bar.name)) }
-            rect class="bar c0" x=(px(BEGIN)) y=(px(top)) width=(px(length)) height=(px(THICK)) rx="2" {}
-            text class="label" x=(px(BEGIN + length + 7.0)) y=(base) { (bar.text) }
+            @let top = k as f64 * ROW;
+            @let length = if longest > 0.0 { positive(bar.value) / longest * WIDTH } else { 0.0 };
+            text class="mark" x="0" y=(px(top + TEXT)) { (bar.name) }
+            text class="end" x=(px(WIDTH)) y=(px(top + TEXT)) { (bar.text) }
+            line class="rule" x1="0" x2=(px(WIDTH)) y1=(px(top + BAR + THICK)) y2=(px(top + BAR + THICK)) {}
+            rect class="bar c0" x="0" y=(px(top + BAR)) width=(px(length)) height=(px(THICK)) rx="2" {}
         }
     };
-    Drawing::new(title, &[], [WIDTH, bars.len().max(1) as f64 * ROW + 6.0], drawing)
-}
-
-/// A name, truncated if it is too long.
-fn cut(name: &str) -> String {
-    if name.chars().count() <= NAME {
-        return name.to_owned();
-    }
-    name.chars().take(NAME - 1).chain(['…']).collect()
+    Drawing::new(title, &[], [WIDTH, bars.len().max(1) as f64 * ROW], drawing)
 }
 
 /// Columns over bins: a histogram if the values are counts.
@@ -68,6 +58,8 @@ pub struct Columns<'a> {
     pub y: Axis<'a>,
     /// Each bin's name and value.
     pub bins: &'a [(String, f64)],
+    /// Standard deviation of each value, drawn as a whisker; empty for none.
+    pub spreads: &'a [f64],
     /// Text above a column.
     pub text: fn(f64) -> String,
 }
@@ -76,7 +68,9 @@ impl Columns<'_> {
     /// The plot.
     pub fn draw(&self) -> Markup {
         let x = Axis::new(self.x);
-        let frame = Frame::new(&x, &self.y, std::iter::empty(), self.bins.iter().map(|(_, v)| *v));
+        let spread = |k: usize| self.spreads.get(k).copied().filter(|s| s.is_finite() && *s > 0.0);
+        let ends = self.bins.iter().enumerate().flat_map(|(k, (_, v))| [*v, v + spread(k).unwrap_or(0.0)]);
+        let frame = Frame::new(&x, &self.y, std::iter::empty(), ends);
         let [left, right] = Frame::across();
         let width = (right - left) / self.bins.len().max(1) as f64;
         let middle = |k: usize| left + (k as f64 + 0.5) * width;
@@ -93,8 +87,13 @@ impl Columns<'_> {
                         height=(px((frame.y.start() - top).max(0.5))) rx="2" {
                         title { (name) ": " (short(*value)) }
                     }
+                    @let whisker = spread(k).map(|s| [value - s, value + s].map(|end| frame.y.at(end)));
+                    @if let Some([low, high]) = whisker {
+                        line class="ring" x1=(px(middle(k))) x2=(px(middle(k))) y1=(px(low)) y2=(px(high)) {}
+                    }
                     @if self.bins.len() <= NUMBERED {
-                        text class="above middle" x=(px(middle(k))) y=(px(top - 4.0)) { ((self.text)(*value)) }
+                        @let above = whisker.map_or(top, |[_, high]| high.min(top)) - 4.0;
+                        text class="above middle" x=(px(middle(k))) y=(px(above)) { ((self.text)(*value)) }
                     }
                 }
             }

@@ -6,8 +6,13 @@ use super::scale::Axis;
 use super::{Drawing, colour, point, px};
 use maud::{Markup, html};
 
-/// Least distance of two labels, in pixels.
-const LINE: f64 = 13.0;
+/// Distance of the baselines of two labels, of a label's baseline above its point, and of its beginning beside the point, in pixels.
+const LINE: f64 = 15.0;
+const ABOVE: f64 = 6.0;
+const BESIDE: f64 = 12.0;
+/// Width of a label's letter, and half of the size of a point, in pixels.
+const LETTER: f64 = 7.0;
+const DOT: f64 = 5.0;
 
 /// A labelled point.
 pub struct Point {
@@ -25,27 +30,20 @@ pub struct Point {
     pub default: bool,
 }
 
-/// Positions of accuracies on the vertical axis. Exact results have no position on a logarithmic or decibel axis: they
-/// are drawn one step beyond all others.
+/// Positions of accuracies on the vertical axis. Exact results have no position on a logarithmic or decibel axis: they lie beyond a
+/// break of it ([`Axis::exact`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Accuracies {
     log: bool,
-    /// Position of exact results.
+    /// The value of exact results: an error of zero, or an infinite score.
     pub beyond: f64,
 }
 
 impl Accuracies {
     /// Positions for measured accuracies; `lower` is true if lower is better.
     pub fn new(measured: &[f64], lower: bool) -> Self {
-        let least = measured.iter().copied().filter(|v| *v > 0.0).fold(f64::INFINITY, f64::min);
-        let (low, high) = measured.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-        let log = lower && least.is_finite();
-        let beyond = match () {
-            () if log => 0.1 * least,
-            () if lower || measured.is_empty() => 0.0,
-            () => high + (0.25 * (high - low)).max(1.0),
-        };
-        Self { log, beyond }
+        let log = lower && measured.iter().any(|v| *v > 0.0 && v.is_finite());
+        Self { log, beyond: if lower { 0.0 } else { f64::INFINITY } }
     }
 
     /// A rung's position; `None` if it is neither measured nor exact.
@@ -73,7 +71,7 @@ pub struct Front<'a> {
     pub y: Axis<'a>,
     /// Legend of the points on the line, and of the others; empty for none.
     pub legend: &'a [&'a str],
-    /// The points; those that the axes cannot show are left out.
+    /// The points; exact ones lie beyond a break of the vertical axis, others that the axes cannot show are left out.
     pub points: Vec<Point>,
 }
 
@@ -85,22 +83,19 @@ impl Front<'_> {
 
     /// The plot, for a page or a sheet.
     pub fn drawing(&self) -> Drawing {
-        let mut points: Vec<&Point> =
-            self.points.iter().filter(|p| self.x.shows(p.at[0]) && self.y.shows(p.at[1])).collect();
+        let shown = |p: &&Point| self.x.shows(p.at[0]) && (self.y.shows(p.at[1]) || self.y.exact(p.at[1]));
+        let mut points: Vec<&Point> = self.points.iter().filter(shown).collect();
         points.sort_by(|a, b| a.at[0].total_cmp(&b.at[0]));
         let spreads = points.iter().flat_map(|p| p.spread).filter(|v| self.x.shows(*v));
-        let frame =
-            Frame::new(&self.x, &self.y, points.iter().map(|p| p.at[0]).chain(spreads), points.iter().map(|p| p.at[1]));
-        let [left, right] = Frame::across();
-        let places: Vec<[f64; 2]> = points.iter().map(|p| [frame.x.at(p.at[0]), frame.y.at(p.at[1])]).collect();
+        let ys: Vec<f64> = points.iter().map(|p| p.at[1]).collect();
+        let frame = Frame::with_exact(&self.x, &self.y, points.iter().map(|p| p.at[0]).chain(spreads), &ys);
+        let places: Vec<[f64; 2]> = points.iter().map(|p| [frame.x.at(p.at[0]), frame.height(p.at[1])]).collect();
         let front: Vec<String> = points
             .iter()
             .zip(&places)
             .filter(|(p, _)| p.front)
             .map(|(_, [x, y])| format!("{},{}", px(*x), px(*y)))
             .collect();
-        let at_right = |x: f64| x < left + 0.65 * (right - left);
-        let labels = labels(&points, &places, at_right);
         let drawing = html! {
             (frame.draw(None))
             @if front.len() > 1 { polyline class={ "line " (colour(0)) } points=(front.join(" ")) {} }
@@ -110,37 +105,44 @@ impl Front<'_> {
                 (point(usize::from(!p.front && !self.legend.is_empty()), [*x, *y], 4.5, &p.told))
                 @if p.default { circle class="ring" cx=(px(*x)) cy=(px(*y)) r="8" {} }
             }
-            @for ((p, [x, _]), label) in points.iter().zip(&places).zip(&labels) {
-                @let at_right = at_right(*x);
-                text class={ "label" @if !at_right { " end" } } y=(px(*label))
-                    x=(px(if at_right { x + BESIDE } else { x - BESIDE })) { (p.label) }
+            @for (p, ([from, to], y)) in points.iter().zip(labels(&points, &places)) {
+                @let at_right = from > frame.x.at(p.at[0]);
+                text class={ "label" @if !at_right { " end" } } y=(px(y)) x=(px(if at_right { from } else { to })) { (p.label) }
             }
         };
         Drawing::new(self.title, self.legend, SIZE, drawing)
     }
 }
 
-/// Distance of a label from its point, and width of its letters, in pixels.
-const BESIDE: f64 = 12.0;
-const LETTER: f64 = 6.6;
-
-/// Heights of labels: one that would lie on another is placed below it.
-fn labels(points: &[&Point], places: &[[f64; 2]], at_right: impl Fn(f64) -> bool) -> Vec<f64> {
-    let mut out: Vec<f64> = places.iter().map(|[_, y]| y + 4.0).collect();
-    let mut order: Vec<usize> = (0..places.len()).collect();
-    order.sort_by(|a, b| places[*a][1].total_cmp(&places[*b][1]).then(a.cmp(b)));
+/// Left and right end, and baseline, of each label: beside its point, above the whisker, and moved down or up to where it meets neither
+/// another label nor another point.
+fn labels(points: &[&Point], places: &[[f64; 2]]) -> Vec<([f64; 2], f64)> {
     let across = |i: usize| {
         let (x, width) = (places[i][0], points[i].label.chars().count() as f64 * LETTER);
-        if at_right(x) { [x + BESIDE, x + BESIDE + width] } else { [x - BESIDE - width, x - BESIDE] }
+        let from = if x + BESIDE + width <= SIZE[0] { x + BESIDE } else { x - BESIDE - width };
+        [from, from + width]
     };
+    let mut out: Vec<([f64; 2], f64)> = (0..places.len()).map(|i| (across(i), places[i][1] - ABOVE)).collect();
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by(|a, b| places[*a][1].total_cmp(&places[*b][1]).then(a.cmp(b)));
+    let [upper, lower] = Frame::along();
     for (k, &i) in order.iter().enumerate() {
-        let [from, to] = across(i);
-        let beside: Vec<usize> =
-            order[..k].iter().copied().filter(|j| from < across(*j)[1] && across(*j)[0] < to).collect();
-        // Each step leaves one of them above for good.
-        while let Some(on) = beside.iter().find(|j| (out[i] - out[**j]).abs() < LINE - 0.5) {
-            out[i] = out[*on] + LINE;
-        }
+        let ([from, to], own) = out[i];
+        let label = |j: usize, at: f64| {
+            let ([left, right], other) = out[j];
+            from < right && left < to && (at - other).abs() < LINE - 0.5
+        };
+        let dot = |j: usize, at: f64| {
+            let [x, y] = places[j];
+            from < x + DOT && x - DOT < to && (at - 0.3 * LINE - y).abs() < 0.3 * LINE + DOT
+        };
+        let free = |at: &f64| {
+            (upper..lower).contains(at)
+                && !order[..k].iter().any(|j| label(*j, *at))
+                && !order.iter().any(|j| *j != i && dot(*j, *at))
+        };
+        let steps = (0..=places.len()).map(|n| n as f64 * LINE);
+        out[i].1 = steps.flat_map(|step| [own + step, own - step]).find(free).unwrap_or(own);
     }
     out
 }
@@ -155,11 +157,14 @@ mod tests {
     }
 
     #[test]
-    fn labels_do_not_lie_on_each_other() {
+    fn labels_do_not_lie_on_each_other_nor_on_points() {
         let named = ["a", "b", "c", "d", "a rung with a long name, two"].map(|label| point(label, [0.0; 2]));
-        let places = [[10.0, 50.0], [12.0, 50.0], [14.0, 51.0], [400.0, 50.0], [200.0, 52.0]];
-        let out = labels(&named.iter().collect::<Vec<_>>(), &places, |x| x < 200.0);
-        assert_eq!(out, [54.0, 67.0, 80.0, 54.0, 93.0]);
+        let places = [[100.0, 150.0], [115.0, 140.0], [104.0, 151.0], [500.0, 243.0], [490.0, 243.0]];
+        let out = labels(&named.iter().collect::<Vec<_>>(), &places);
+        let baselines: Vec<f64> = out.iter().map(|(_, at)| *at).collect();
+        assert_eq!(baselines, [159.0, 134.0, 130.0, 237.0, 237.0]);
+        // The last one does not fit to the right of its point.
+        assert!(out[4].0[1] < 490.0 && out[3].0[0] > 500.0, "{out:?}");
     }
 
     #[test]
@@ -169,5 +174,23 @@ mod tests {
         let text = front(points).draw().into_string();
         assert!(!text.contains("NaN") && !text.contains("inf") && text.contains("&lt;a&gt;"), "{text}");
         assert!(front(Vec::new()).draw().into_string().contains("svg"));
+    }
+
+    #[test]
+    fn exact_results_lie_beyond_a_break_and_have_no_number() {
+        let draw = |measured: &[f64], lower| {
+            let accuracies = Accuracies::new(measured, lower);
+            let at = [measured.first().copied(), None].map(|a| accuracies.place(a, true)).into_iter().flatten();
+            let points = at.map(|y| point("a", [1.0, y])).collect();
+            let front = Front { title: "t", x: Axis::new("x"), y: accuracies.axis("y"), legend: &[], points };
+            front.draw().into_string()
+        };
+        for (measured, lower, row, number) in [(&[59.0][..], false, 40.0, "60"), (&[1e-3], true, 234.0, "0.001")] {
+            let text = draw(measured, lower);
+            assert!(text.contains(&format!("cy=\"{row:.1}\"")) && text.contains(">exact</text>"), "{text}");
+            assert!(text.contains(&format!(">{number}</text>")), "{text}");
+        }
+        let alone = draw(&[], false);
+        assert_eq!(alone.matches("class=\"mark end\"").count(), 1, "no numbers without measurements: {alone}");
     }
 }

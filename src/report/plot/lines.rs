@@ -10,7 +10,7 @@ use maud::{Markup, html};
 pub struct Line<'a> {
     /// Its name in the legend.
     pub name: &'a str,
-    /// x and y of each point; those that the axes cannot show are left out.
+    /// x and y of each point; an infinite y lies beyond a break of a linear axis, others that the axes cannot show are left out.
     pub points: Vec<[f64; 2]>,
 }
 
@@ -44,9 +44,11 @@ impl Lines<'_> {
 
     /// The plot, for a page or a sheet.
     pub fn drawing(&self) -> Drawing {
-        let shown = |p: &&[f64; 2]| self.x.shows(p[0]) && self.y.shows(p[1]);
+        // Zeros on a logarithmic axis are not exact results here.
+        let shown = |p: &&[f64; 2]| self.x.shows(p[0]) && (self.y.shows(p[1]) || p[1] > 0.0 && self.y.exact(p[1]));
         let points = || self.lines.iter().flat_map(|l| l.points.iter().filter(shown));
-        let frame = Frame::new(&self.x, &self.y, points().map(|p| p[0]), points().map(|p| p[1]));
+        let ys: Vec<f64> = points().map(|p| p[1]).collect();
+        let frame = Frame::with_exact(&self.x, &self.y, points().map(|p| p[0]), &ys);
         let marks: Vec<&Mark> = self.marks.iter().filter(|m| self.x.shows(m.x)).collect();
         let [upper, lower] = Frame::along();
         let [left, right] = Frame::across();
@@ -63,10 +65,11 @@ impl Lines<'_> {
             }
             @for (k, line) in self.lines.iter().enumerate() {
                 @let places: Vec<(&[f64; 2], [f64; 2])> = line.points.iter().filter(shown)
-                    .map(|p| (p, [frame.x.at(p[0]), frame.y.at(p[1])])).collect();
+                    .map(|p| (p, [frame.x.at(p[0]), frame.height(p[1])])).collect();
                 polyline class={ "line " (colour(k)) } points=(path(&places)) {}
                 @for (p, at) in &places {
-                    (point(k, *at, 3.0, &format!("{}: {} at {}", line.name, short(p[1]), short(p[0]))))
+                    @let value = if p[1].is_finite() { short(p[1]) } else { "exact".to_owned() };
+                    (point(k, *at, 3.0, &format!("{}: {value} at {}", line.name, short(p[0]))))
                 }
             }
         };

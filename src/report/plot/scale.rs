@@ -50,6 +50,12 @@ impl<'a> Axis<'a> {
     pub fn shows(&self, value: f64) -> bool {
         value.is_finite() && value.abs() < FAR && (!self.log || value > 0.0)
     }
+
+    /// Returns true for the value of an exact result that the axis cannot show: an error of zero on a logarithmic axis, an infinite PSNR
+    /// on a linear one.
+    pub fn exact(&self, value: f64) -> bool {
+        value == if self.log { 0.0 } else { f64::INFINITY }
+    }
 }
 
 /// An axis with its range, between two positions in pixels.

@@ -2,23 +2,24 @@
 //! Gaussians.
 
 use crate::job::records::{PruneRecord, PruneSeconds};
-use crate::report::format::{count, decimals, percent, seconds, short};
-use crate::report::page::{absent, facts, side_by_side};
+use crate::report::format::{count, decimals, seconds, short};
+use crate::report::page::{Section, facts, side_by_side};
 use crate::report::plot::{Axis, Bar, Columns, bars};
 use maud::{Markup, html};
 
-/// The section; prunes that formed no blocks are left out.
-pub fn body(prunes: &[PruneRecord]) -> Markup {
+/// The section; prunes that formed no blocks are left out. None if no prune formed any.
+pub fn section(prunes: &[PruneRecord]) -> Option<Section> {
     let of_blocks: Vec<&PruneRecord> = prunes.iter().filter(|prune| prune.blocks > 0).collect();
-    if of_blocks.is_empty() {
-        return absent("No prune chose from blocks.");
-    }
+    (!of_blocks.is_empty()).then(|| Section::new("blocks", "What the blocks say", body(&of_blocks)))
+}
+
+fn body(of_blocks: &[&PruneRecord]) -> Markup {
     html! {
         p {
             "Neighbouring Gaussians form a block, in which they are a basis that is not orthogonal. A block's eigenvalues say how many "
-            "independent directions its responses have: where few reach the energy threshold, few Gaussians can stand for all."
+            "independent directions its responses have: where few reach the energy threshold, few Gaussians can replace the block."
         }
-        @for prune in &of_blocks {
+        @for prune in of_blocks {
             @if of_blocks.len() > 1 { h3 { "Prune after iteration " (count(prune.iteration as usize)) } }
             (one(prune))
         }
@@ -59,24 +60,32 @@ fn occupancy(prune: &PruneRecord) -> Markup {
     let name = |bin: usize| (1_usize << bin.min(40)).to_string();
     let bins: Vec<(String, f64)> = prune.occupancy.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
     let (x, y) = ("Gaussians in a block: from this number up to the next", Axis::from_zero("blocks"));
-    Columns { title: "Sizes of blocks", x, y, bins: &bins, text: short }.draw()
+    Columns { title: "Sizes of blocks", x, y, bins: &bins, spreads: &[], text: short }.draw()
 }
 
 fn spectrum(prune: &PruneRecord) -> Markup {
-    let spread = |k: usize| percent(prune.spectrum_spread[k], 1.0);
-    let name = |k: usize| format!("{} ± {}", k + 1, spread(k));
-    let bins: Vec<(String, f64)> = prune.spectrum.iter().enumerate().map(|(k, l)| (name(k), *l)).collect();
-    let title = "Spectrum: share of a block's energy by mode, mean ± standard deviation over blocks";
-    let (x, y) = ("mode, largest first", Axis::log("share of the block's energy"));
-    let text = |l: f64| if l >= 0.001 { percent(l, 1.0) } else { short(l) };
-    Columns { title, x, y, bins: &bins, text }.draw()
+    let percents = |shares: &[f64]| -> Vec<f64> { shares.iter().map(|l| 100.0 * l).collect() };
+    let spectrum = percents(&prune.spectrum);
+    let bins: Vec<(String, f64)> = spectrum.into_iter().enumerate().map(|(k, l)| ((k + 1).to_string(), l)).collect();
+    let title = "Spectrum: share of a block's energy by mode, mean and standard deviation over blocks";
+    let (x, y) = ("mode, largest first", Axis::log("share of the block's energy / %"));
+    Columns { title, x, y, bins: &bins, spreads: &percents(&prune.spectrum_spread), text: two_digits }.draw()
+}
+
+/// A positive share in per cent, in two digits: 95, 7.0, 0.56 or 0.0021.
+fn two_digits(percent: f64) -> String {
+    if percent < 1e-4 {
+        return "<0.0001".to_owned();
+    }
+    let places = (1.0 - percent.log10().floor()).clamp(0.0, 4.0);
+    decimals(percent, places as usize)
 }
 
 fn modes_reached(prune: &PruneRecord) -> Markup {
     let bins: Vec<(String, f64)> =
         prune.modes.iter().enumerate().map(|(k, n)| ((k + 1).to_string(), *n as f64)).collect();
     let (x, y) = ("modes that reach the energy threshold", Axis::from_zero("blocks"));
-    Columns { title: "Modes to reach the threshold", x, y, bins: &bins, text: short }.draw()
+    Columns { title: "Modes to reach the threshold", x, y, bins: &bins, spreads: &[], text: short }.draw()
 }
 
 fn kept_by_rank(prune: &PruneRecord) -> Markup {
@@ -84,7 +93,7 @@ fn kept_by_rank(prune: &PruneRecord) -> Markup {
     let bins: Vec<(String, f64)> =
         prune.effective_ranks.iter().map(|r| (r.rank.to_string(), share(r.kept, r.gaussians))).collect();
     let (x, y) = ("effective rank of the block", Axis::from_zero("share of its Gaussians that was kept / %"));
-    Columns { title: "Share kept by effective rank", x, y, bins: &bins, text: short }.draw()
+    Columns { title: "Share kept by effective rank", x, y, bins: &bins, spreads: &[], text: short }.draw()
 }
 
 fn times(s: &PruneSeconds) -> Markup {
@@ -95,6 +104,7 @@ fn times(s: &PruneSeconds) -> Markup {
         ("host: eigenproblems and subsets", s.solve),
         ("elapsed, side by side", s.assemble_and_solve),
     ];
+    let taken = named.into_iter().filter(|(_, value)| *value > 0.0);
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };
-    bars("Time of the blocks", &named.map(bar))
+    bars("Time of the blocks", &taken.map(bar).collect::<Vec<_>>())
 }

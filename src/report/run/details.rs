@@ -61,10 +61,10 @@ pub fn protocol(results: &RunRecord) -> Markup {
     ])
 }
 
-/// The effects that were simulated, with the evidence.
+/// The decision on each effect, with the evidence.
 pub fn effects(results: &RunRecord) -> Markup {
     if results.effects.is_empty() {
-        return absent("No effect was simulated.");
+        return absent("No effect was decided on.");
     }
     let rows: Vec<Vec<String>> = results
         .effects
@@ -76,7 +76,7 @@ pub fn effects(results: &RunRecord) -> Markup {
             vec![d.name.name().to_owned(), format!("{state}{by}"), d.evidence.clone() + near]
         })
         .collect();
-    table(&[Column::Text("effect"), Column::Text("simulated"), Column::Text("evidence")], &rows, None)
+    table(&[Column::Text("effect"), Column::Text("in use"), Column::Text("evidence")], &rows, None)
 }
 
 fn some(n: usize) -> String {

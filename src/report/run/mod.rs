@@ -23,7 +23,9 @@ pub fn page(results: &RunRecord, stacks: &[Stack], config: &str, viewer: Option<
         Section::new("pictures", "Pictures", pictures::body(results, stacks)),
         Section::new("quality", "Quality over time", quality::body(results)),
         Section::new("pruning", "Pruning", pruning::body(results)),
-        Section::new("blocks", "What the blocks say", blocks::body(&results.prunes)),
+    ];
+    sections.extend(blocks::section(&results.prunes));
+    sections.extend([
         Section::new("time", "Time by stage", time::body(results)),
         Section::new("views", "Held-out views", details::views(results)),
         Section::new("protocol", "Protocol", details::protocol(results)),
@@ -31,7 +33,7 @@ pub fn page(results: &RunRecord, stacks: &[Stack], config: &str, viewer: Option<
         Section::new("guards", "Guards", details::guards(results)),
         Section::new("memory", "Memory", details::memory(results)),
         Section::new("configuration", "Configuration", details::configuration(config)),
-    ];
+    ]);
     if let Some(viewer) = viewer {
         let frame = html! { iframe class="viewer" title="The model" allow="fullscreen" srcdoc=(viewer) {} };
         sections.insert(1, Section::new("model", "Model", frame));

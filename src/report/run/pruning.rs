@@ -40,18 +40,20 @@ pub fn body(results: &RunRecord) -> Markup {
 pub fn one(prune: &PruneRecord) -> Markup {
     let selector = prune.selector.name();
     let removed = prune.before.saturating_sub(prune.after);
-    let mut known = vec![
-        ("after iteration", count(prune.iteration as usize)),
+    // A model that is not in training has no iterations.
+    let iteration = (prune.iteration > 0).then(|| ("after iteration", count(prune.iteration as usize)));
+    let mut known: Vec<(&str, String)> = iteration.into_iter().collect();
+    known.extend([
         ("ranked by", selector.to_owned()),
         ("Gaussians before", count(prune.before)),
         ("kept", format!("{} ({})", count(prune.after), percent(prune.after as f64, prune.before as f64))),
         ("removed", count(removed)),
-    ];
+    ]);
     if let Some(pairs) = prune.pairs {
         known.push(("kept in place of several", count(pairs.clusters)));
         known.push(("merged into others", count(pairs.merged)));
         known.push(("dropped", count(pairs.dropped)));
-        return html! { (facts(&known)) (times(&prune.seconds)) };
+        return html! { (facts(&known)) (side_by_side(&[times(&prune.seconds)])) };
     }
     known.extend([
         ("kept by the detail safeguard", count(prune.detail)),
@@ -69,10 +71,10 @@ pub fn one(prune: &PruneRecord) -> Markup {
 }
 
 fn kept_shares(prune: &PruneRecord) -> Markup {
-    let name = |bin: usize| format!("{}–{}", 10 * bin, 10 * bin + 10);
+    let name = |bin: usize| (10 * bin).to_string();
     let bins: Vec<(String, f64)> = prune.kept_shares.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
-    let (x, y) = ("share of a block that was kept / %", Axis::from_zero("blocks"));
-    Columns { title: "Share kept", x, y, bins: &bins, text: short }.draw()
+    let (x, y) = ("kept share of a block / %: from this number on", Axis::from_zero("blocks"));
+    Columns { title: "Share kept", x, y, bins: &bins, spreads: &[], text: short }.draw()
 }
 
 fn times(s: &PruneSeconds) -> Markup {
@@ -83,6 +85,8 @@ fn times(s: &PruneSeconds) -> Markup {
         ("selection", s.select),
         ("merging and compaction", s.merge),
     ];
+    // Selectors that form no blocks have no times of blocks.
+    let taken = named.into_iter().filter(|(_, value)| *value > 0.0);
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };
-    bars(&format!("Time of the prune: {}", seconds(s.total)), &named.map(bar))
+    bars(&format!("Time of the prune: {}", seconds(s.total)), &taken.map(bar).collect::<Vec<_>>())
 }

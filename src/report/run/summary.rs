@@ -57,10 +57,8 @@ fn frames(results: &RunRecord) -> Tile {
     let now = results.frames_per_second;
     let places = |v: f64| decimals(v, usize::from(v < 99.5));
     let before = results.prunes.first().and_then(|p| p.frames_per_second_before);
-    let note = match (before, now) {
-        (Some(before), Some(now)) if before > 0.0 => {
-            format!("{} before the first prune: {} times as fast", places(before), decimals(now / before, 2))
-        }
+    let note = match before {
+        Some(before) if now.is_some() => format!("before pruning: {}", places(before)),
         _ => "rendering only, at the size of the views".to_owned(),
     };
     Tile { label: "Frames per second", value: now.map_or(NONE.to_owned(), places), note }

@@ -1,10 +1,12 @@
-//! Poses that lie beside photos in formats that are not read: named, with the way to a format that is.
+//! Poses that lie beside photos in formats that are not read, or in a transforms file of another name: named, with the way to
+//! a format that is read.
 
 use std::fs;
 use std::io::Read;
 use std::path::Path;
 
 use super::files::{child, inside, subfolders};
+use crate::extension::has_extension;
 
 /// How much of a file tells its format.
 const BEGINNING: u64 = 4096;
@@ -120,8 +122,25 @@ pub(super) fn file(path: &Path) -> Option<String> {
 /// none.
 pub(super) fn poses(folder: &Path) -> String {
     let images = child(folder, "images");
-    let told = [folder, &images].into_iter().find_map(|place| in_folder(folder, place));
+    let told = transforms(folder).or_else(|| [folder, &images].into_iter().find_map(|place| in_folder(folder, place)));
     told.or_else(|| half_a_model(folder)).or_else(|| in_subfolders(folder)).unwrap_or_default()
+}
+
+/// A transforms file whose name is not looked for, as far as its beginning tells.
+fn transforms(folder: &Path) -> Option<String> {
+    // Blender's have a line of their own: each holds a part of the photos.
+    let blender = ["transforms_val.json", "transforms_test.json"];
+    let other = |path: &std::path::PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+        has_extension(path, &["json"]) && !blender.contains(&name.as_str())
+    };
+    let mut files = inside(folder).into_iter().filter(other);
+    let file = files.find(|path| {
+        let begins = beginning(path);
+        ["\"frames\"", "\"transform_matrix\""].iter().all(|field| begins.contains(field))
+    })?;
+    let name = file.file_name().unwrap_or_default().display();
+    Some(format!("; {name} may hold some: give {} to use them", file.display()))
 }
 
 fn in_folder(root: &Path, folder: &Path) -> Option<String> {

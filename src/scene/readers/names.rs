@@ -23,10 +23,11 @@ const MAP_WORDS: &str = "depth depths depthmap disparity conf confidence normal 
 /// Extensions of files that hold numbers without loss.
 const LOSSLESS: [&str; 4] = ["png", "tif", "tiff", "exr"];
 
-/// The path with forward slashes and without a leading `./`.
+/// The path with forward slashes, without a URL's `file://` and without a leading `./`.
 pub(super) fn tidy(path: &str) -> String {
     let path = path.replace('\\', "/");
-    path.strip_prefix("./").unwrap_or(&path).to_owned()
+    let path = path.strip_prefix("file://").unwrap_or(&path);
+    path.strip_prefix("./").unwrap_or(path).to_owned()
 }
 
 /// A tidy path without the root or the drive of the machine that wrote it.
@@ -157,6 +158,7 @@ mod tests {
         for (written, meant) in [
             (r"D:\scans\a b\x.png", "scans/a b/x.png"),
             ("/home/me/x.png", "home/me/x.png"),
+            ("file:///home/me/x.png", "home/me/x.png"),
             (r"\\server\share\x.png", "server/share/x.png"),
             (r".\images\x.png", "images/x.png"),
             ("a:b.png", "b.png"),

@@ -51,6 +51,7 @@ impl BlockRun {
             exposures: Exposures::Known(maps.flatten().copied().collect()),
             cameras: Some((centre / self.unit).as_vec3().to_array()),
             begun,
+            earlier_s: 0.0,
             load_s: begun.elapsed().as_secs_f64(),
             config,
         })

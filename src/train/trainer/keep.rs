@@ -42,6 +42,8 @@ impl Trainer {
         &mut self,
         work: impl FnOnce(&Device, &mut TrainingModel) -> Result<T, E>,
     ) -> Result<T, E> {
+        // Work under way would keep arrays that are replaced.
+        self.catch_up()?;
         let released = self.renderer.release()?;
         let done = work(&self.device, &mut self.training);
         let restored = self.renderer.restore(released, self.training.model.len);

@@ -9,7 +9,7 @@ mod record;
 
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
-use crate::gpu::{Device, Recording, Ticket, Timings};
+use crate::gpu::{self, Device, Recording, Ticket, Timings};
 use crate::random::permutation;
 use crate::render::{Settings, TrainingRenderer};
 use crate::response::ResidentResponses;
@@ -30,6 +30,7 @@ use crate::train::smoothing::Smoothing;
 use crate::train::state::TrainState;
 use crate::train::training_model::{Array, TrainingModel};
 use std::collections::VecDeque;
+use std::mem;
 use std::ops::ControlFlow;
 
 /// Iterations between two checks by the host.
@@ -77,6 +78,8 @@ pub struct Trainer {
     pub(in crate::train) poses: Option<Poses>,
     order: (u32, Vec<usize>),
     host_check: HostCheck,
+    /// Work between stretches, which runs while the next one is recorded.
+    between: VecDeque<Ticket>,
     timings: Timings,
 }
 
@@ -147,6 +150,7 @@ impl Trainer {
             options,
             order: (u32::MAX, Vec::new()),
             host_check: HostCheck::new(device)?,
+            between: VecDeque::new(),
             timings: Timings::default(),
         })
     }
@@ -199,6 +203,7 @@ impl Trainer {
                 break;
             }
         }
+        self.catch_up()?;
         Ok(self.progress())
     }
 
@@ -223,9 +228,9 @@ impl Trainer {
             self.responses = Some(ResidentResponses::zeros(&self.device, self.training.model.len)?);
         }
         let last = self.boundary(until);
-        let mut flight: VecDeque<Ticket> = VecDeque::new();
+        let mut flight = mem::take(&mut self.between);
         for iteration in first + 1..=last {
-            if flight.len() == UNDER_WAY
+            while flight.len() >= UNDER_WAY
                 && let Some(ticket) = flight.pop_front()
             {
                 self.timings.merge(&ticket.wait()?);
@@ -333,7 +338,7 @@ impl Trainer {
     /// Allocates the arrays of an SH band when the run first uses it.
     fn raise_degree(&mut self, iteration: u32) -> Result<()> {
         while self.wants_degree(iteration) {
-            self.training.raise_degree(&self.device)?;
+            self.between.push_back(self.training.raise_degree(&self.device)?);
         }
         Ok(())
     }
@@ -370,15 +375,15 @@ impl Trainer {
         if self.resets_opacity(iteration) {
             let mut recording = Recording::new();
             density::reset_opacity(&mut recording, &self.training, RESET_OPACITY);
-            self.device.run(recording)?;
+            self.between.push_back(self.device.submit(recording)?);
             self.training.mean = None;
         }
         if let Some(poses) = self.poses.as_mut().filter(|_| moves) {
             let length = self.options.schedule.iterations;
-            poses.step(&self.device, &mut self.photos, (iteration, length))?;
+            self.between.push_back(poses.step(&self.device, &mut self.photos, (iteration, length))?);
         }
         if let Some(exposure) = self.objective.exposure.as_ref().filter(|_| self.centres_exposures(iteration)) {
-            exposure.centre(&self.device)?;
+            self.between.push_back(exposure.centre(&self.device)?);
         }
         self.follow_method(iteration)?;
         self.attrite(iteration)?;
@@ -386,7 +391,18 @@ impl Trainer {
         if let Some(smoothing) = self.smoothing_after(iteration) {
             let mut recording = Recording::new();
             smoothing.record(&mut recording, &self.training.model, self.training.count());
-            self.timings.merge(&self.device.submit(recording)?.wait()?);
+            self.between.push_back(self.device.submit(recording)?);
+        }
+        if iteration >= self.options.schedule.iterations {
+            self.catch_up()?;
+        }
+        Ok(())
+    }
+
+    /// Waits for the work between stretches.
+    fn catch_up(&mut self) -> gpu::Result<()> {
+        while let Some(ticket) = self.between.pop_front() {
+            self.timings.merge(&ticket.wait()?);
         }
         Ok(())
     }

@@ -272,6 +272,9 @@ function listen() {
   $("home").addEventListener("click", home);
   $("level").addEventListener("click", level);
   $("turn").addEventListener("click", () => turning(!state.turning));
+  $("full").hidden = !document.fullscreenEnabled; // iPhones have none
+  $("full").addEventListener("click", full);
+  document.addEventListener("fullscreenchange", () => $("full").setAttribute("aria-pressed", String(Boolean(document.fullscreenElement))));
   canvas.addEventListener("webglcontextlost", (event) => {
     event.preventDefault(); // or it never comes back
     say("the graphics device was lost; load the page again");

@@ -1,7 +1,8 @@
 //! Mutants: each derived barrier is dropped in turn, in orders that swap the commands it separated.
 
 use super::{BEFORE, all_effects, capture, new_trainer, respond_and_assemble, train, words};
-use crate::support::opened;
+use crate::device::watch::unwatched;
+use crate::support::{opened, skip};
 use qirf_vk::gpu::{Derived, Device, Forget, Hazard, Order};
 use qirf_vk::train::Trainer;
 use qirf_vk::train::checkpoint::Snapshot;
@@ -98,6 +99,9 @@ fn kind(derived: &Derived) -> String {
 /// other tests.
 #[test]
 fn a_forgotten_barrier_is_noticed() {
+    if unwatched() {
+        return skip("no validation layers");
+    }
     let name = "device::order::barriers::some_forgotten_barriers";
     let program = Command::new(std::env::current_exe().unwrap()).args(["--exact", name, "--ignored"]).output().unwrap();
     let text = String::from_utf8_lossy(&program.stdout);

@@ -110,7 +110,7 @@ fn it_resumes_to_the_same_bytes() {
 }
 
 /// Once a run has room for more Gaussians than are left, attrition frees no buffer and makes only those that it gathers
-/// rows with: sources, kinds, the rows, and two for transfers.
+/// rows with: sources, kinds, the rows, and two for transfers. The host waits for the opacities, and for the rows.
 #[test]
 fn it_keeps_the_buffers() {
     let device = new_device();
@@ -129,7 +129,7 @@ fn it_keeps_the_buffers() {
         }
     }
     println!("buffers and round trips of each thinning: {asked:?}");
-    assert!(asked.len() > 2 && asked.last() == Some(&[5, 4]), "{asked:?}");
+    assert!(asked.len() > 2 && asked.last() == Some(&[5, 2]), "{asked:?}");
     finish(&device);
 }
 

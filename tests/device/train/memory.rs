@@ -104,6 +104,23 @@ fn share(device: &Device, n: usize, degree: usize, grows: bool, masks: Option<Ma
     peak as f64 / expected as f64
 }
 
+/// Moments of the last SH band are the largest, unless there are few bands or many pixels.
+#[test]
+fn the_largest_buffer_is_known() {
+    let device = device();
+    let largest = |degree: usize, pairs: u32, side: u32| {
+        let needs = TrainerNeeds { gaussians: 1000, degree, pairs, size: [side; 2], ..TrainerNeeds::default() };
+        let largest = Trainer::largest_buffer(&device, &needs);
+        (largest.name, largest.bytes)
+    };
+    assert_eq!(largest(3, 5000, 8), ("sh3.moments".to_owned(), 168_000));
+    assert_eq!(largest(2, 5000, 8), ("sh2.moments".to_owned(), 120_000));
+    assert_eq!(largest(0, 4000, 8), ("gradient rows".to_owned(), 72_000));
+    assert_eq!(largest(0, 5000, 8), ("position sums".to_owned(), 80_000));
+    let pictures = largest(3, 5000, 200).1;
+    assert!([36, 48].contains(&(pictures / 40_000)), "{pictures}");
+}
+
 /// Runs with a checkpoint take what was expected, to one percent, and never more.
 #[test]
 fn runs_take_what_was_expected() {

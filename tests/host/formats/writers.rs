@@ -1,6 +1,7 @@
 //! Writers: models read back from their files.
 
 use std::fs;
+use std::io::Cursor;
 use std::path::Path;
 
 use qirf_vk::gaussians::formats::{self, SpzPrecision};
@@ -300,6 +301,48 @@ fn compressed_ply_round_trip_stays_within_its_steps() {
         formats::write(&path, &model, formats::RenderMode::AntiAliased).unwrap();
         assert!(fs::read(&path).unwrap() == first);
     }
+}
+
+/// Also where one Gaussian's long numbers, 256 times in each codebook, are most of the text.
+#[test]
+fn sog_deflates_its_text_alone() {
+    let mut long = make::model(1, 1);
+    long.sh.iter_mut().flatten().for_each(|x| *x = 1.234_567_9e17);
+    let (path, place) = (Path::new("a.sog"), (formats::RenderMode::Plain, [0.0; 3]));
+    let how = (formats::Precision::Fixed, formats::SpzVersion::Four);
+    for model in [make::model(1, 1), long] {
+        let file = formats::encode(path, &model, place, how).unwrap();
+        let mut archive = zip::ZipArchive::new(Cursor::new(&file[..])).unwrap();
+        for k in 0..archive.len() {
+            let entry = archive.by_index(k).unwrap();
+            let is_text = entry.name().unwrap() == "meta.json";
+            assert_eq!(entry.compression() == zip::CompressionMethod::Deflated, is_text);
+            assert!(!is_text || 3 * entry.compressed_size() < 2 * entry.size(), "{} bytes", entry.compressed_size());
+        }
+        assert_eq!(formats::read_bytes(&file, path).unwrap().gaussians.len(), 1);
+    }
+}
+
+/// By Gaussians; values that were cut off when they were stored are not cut off again.
+#[test]
+fn spherical_harmonics_that_a_format_cuts_off_are_counted() {
+    let mut model = make::model(50, 2);
+    (model.sh[1][9 * 3], model.sh[2][15 * 3 + 1], model.sh[2][15 * 7]) = (-1.5, 4.5, 2.0);
+    for (name, clipped) in
+        [("a.spz", 2), ("a.html", 2), ("a.compressed.ply", 1), ("a.ply", 0), ("a.sog", 0), ("a.glb", 0), ("a.obj", 0)]
+    {
+        let path = Path::new(name);
+        assert_eq!(formats::clipped(path, &model), clipped, "{name}");
+        assert_eq!(formats::clip_warning(path, clipped).is_some(), clipped > 0, "{name}");
+        let how = (formats::usual(path, &model), formats::SpzVersion::Four);
+        if let Ok(file) = formats::encode(path, &model, (formats::RenderMode::Plain, [0.0; 3]), how) {
+            let back = formats::read_bytes(&file, path).unwrap().gaussians;
+            assert_eq!(formats::clipped(path, &back), 0, "{name}");
+        }
+    }
+    let said = formats::clip_warning(Path::new("a.compressed.ply"), 1).unwrap();
+    assert!(said.starts_with("a.compressed.ply: 1 Gaussian has "), "{said}");
+    assert!(said.contains("beyond the +-4 that compressed PLY stores; its colours are cut off"), "{said}");
 }
 
 #[test]

@@ -43,6 +43,7 @@ fn names_of_other_systems_find_their_files() {
         (["a\\x.png", "b\\x.png"], ["a/x.png", "b/x.png"]),
         (["D:\\scan 1\\images\\x.png", "D:\\scan 1\\images\\y.png"], ["x.png", "y.png"]),
         (["/home/me/left/x.png", "/home/me/right/x.png"], ["left/x.png", "right/x.png"]),
+        (["file:///home/me/images/x.png", "file:///home/me/images/y%201.png"], ["x.png", "y 1.png"]),
         (["VIEW_0.PNG", "View_1.png"], ["view_0.png", "view_1.PNG"]),
         (["x.jpg", "y.JPG"], ["x.PNG", "y.png"]),
         (["caf\u{e9}.png", "\u{fc}ber.png"], ["cafe\u{301}.png", "u\u{308}ber.png"]),

@@ -64,7 +64,7 @@ fn foreign_poses_are_known_by_whole_names_and_contents() {
         ("cameras.json", r#"[{"id": 0, "img_name": "a"}]"#, "a run of 3DGS"),
         ("reg.csv", "#name,x,y,alt\n", "RealityScan"),
         ("chunk.xml", r#"<?xml version="1.0"?><document version="2.0.0">"#, "Metashape"),
-        ("transforms_test.json", "{}", "Blender, without transforms_train.json"),
+        ("transforms_test.json", r#"{"frames": [{"transform_matrix": []}]}"#, "Blender, without transforms_train.json"),
         ("keyframes/corrected_cameras/1.json", "{}", "Polycam"),
         ("bundle/bundle.out", "# Bundle file v0.3\n", "Bundler"),
         ("MeshroomCache/StructureFromMotion/1/cameras.sfm", "{}", "Meshroom"),
@@ -93,6 +93,18 @@ fn poses_beside_the_photos_folder_are_named() {
     picture(&capture.path().join("images/a.png"), 64, 48);
     let error = refused(&capture.path().join("images"));
     assert!(error.ends_with(&format!("poses lie beside it: give {} to use them", capture.path().display())), "{error}");
+}
+
+#[test]
+fn a_transforms_file_of_another_name_is_named() {
+    let folder = written([("transforms_colmap.json", transforms(TOP, &["images/a.png"]))]);
+    let file = folder.path().join("transforms_colmap.json");
+    let told = format!("; transforms_colmap.json may hold some: give {} to use them", file.display());
+    assert!(refused(folder.path()).ends_with(&told), "{}", refused(folder.path()));
+    picture(&folder.path().join("images/a.png"), 64, 48);
+    let error = refused(folder.path());
+    assert!(error.contains("no camera poses") && error.ends_with(&told), "{error}");
+    assert!(open(&file).views[0].image.is_file());
 }
 
 #[test]

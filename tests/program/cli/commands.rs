@@ -152,6 +152,9 @@ fn help_and_completions_are_there() {
         let help = sandbox.works(&[command, &["--help"]].concat()).out;
         assert!(help.contains(there) && !help.contains(not_there), "{help}");
     }
+    assert!(sandbox.works(&["help"]).out.contains("Training and compression:"));
+    assert!(sandbox.works(&["help", "run"]).out.contains("--grow-to"));
+    sandbox.fails(2, &["trian"], &["'train'"]);
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         assert!(sandbox.works(&["completions", shell]).out.contains("selftest"), "{shell}");
     }

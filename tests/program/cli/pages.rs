@@ -205,6 +205,9 @@ fn a_page_obeys_mouse_and_keys_and_unpacks_without_the_browsers_help() {
     assert_eq!(page.value("viewer.turning"), true);
     page.key("h");
     assert_eq!(page.value("document.getElementById('bar').hidden"), true);
+    let offered =
+        "[document.getElementById('full').hidden, document.querySelector('.keys').textContent.includes('Arrows')]";
+    assert_eq!(page.value(offered), json!([false, true]), "full screen by a button, and all keys");
     // Zooming has an end on either side, and a flight goes on from there.
     let shares = page.value(
         "(() => { const { camera, reach } = viewer; camera.dolly(1e-12); const least = camera.distance, at = camera.position; \

@@ -1,7 +1,8 @@
 //! Words of messages: unknown names, numbers out of range, missing arguments, counts of one, and notes.
 
-use super::Sandbox;
+use super::{Sandbox, model};
 use crate::program::ended::end;
+use qirf_vk::gaussians::formats::{self, RenderMode};
 
 #[test]
 fn unknown_names_are_refused_in_one_form() {
@@ -72,6 +73,24 @@ fn one_is_singular() {
     assert!(told.contains("1 photo (1 held out for tests)"), "{told}");
     let told = sandbox.works(&["render", "model.ply", "--orbit", "1", "-o", "orbit", "--size", "16x16"]).said;
     assert!(told.contains("1 picture in orbit"), "{told}");
+}
+
+/// Also where no device measures the loss.
+#[test]
+fn colours_that_a_written_file_cuts_off_are_warned_of() {
+    let sandbox = Sandbox::new();
+    let mut bright = model(3);
+    bright.sh[1][0] = 1.5;
+    formats::write(&sandbox.path("bright.ply"), &bright, RenderMode::Plain).unwrap();
+    let edited = |name: &str| sandbox.works(&["edit", "bright.ply", "-o", name]).said;
+    let converted = |name: &str| sandbox.converts(&["bright.ply", name]).said;
+    for (name, said) in [("a.spz", converted("a.spz")), ("a.html", converted("a.html")), ("b.spz", edited("b.spz"))] {
+        let told = format!("{name}: 1 Gaussian has spherical harmonics beyond the +-1 that SPZ stores");
+        assert!(said.contains("warning:") && said.contains(&told), "{said}");
+    }
+    for said in [converted("a.sog"), edited("b.glb")] {
+        assert!(!said.contains("warning:"), "{said}");
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! With a shell script in COLMAP's place: it notes how it is called, and does what the test wants.
 
+use crate::program::ended::copy;
 use crate::program::faults::harness::{Ended, content, end, program, scene, start};
 use crate::support::documented;
 use std::fs;
@@ -385,6 +386,17 @@ fn what_cannot_be_posed_is_refused_and_changes_nothing() {
 }
 
 #[test]
+fn poses_that_are_there_already_are_told() {
+    let stage = Stage::new();
+    stage.gives(0, 0..12);
+    copy(&stage.path("fake/models/0"), &stage.path("photos/sparse/0"));
+    let told = "photos has poses already: `qirf-vk run photos -o DIR` uses them";
+    end(&mut stage.pose(&[])).with(0, &[told]);
+    fs::remove_dir_all(stage.path("photos/sparse")).unwrap();
+    assert!(!works(stage.pose(&[])).0.said.contains("poses already"));
+}
+
+#[test]
 fn one_command_leads_from_photos_to_a_model() {
     let stage = Stage::new();
     let photos = scene().join("images");
@@ -402,7 +414,7 @@ fn one_command_leads_from_photos_to_a_model() {
     // The poses are those that were given, and are used again.
     let calls = stage.calls("").len();
     let bytes = fs::read(stage.path("out/model.ply")).unwrap();
-    end(&mut stage.program(&run)).with(0, &[]);
+    end(&mut stage.program(&[&run[..], &["--overwrite"]].concat())).with(0, &[]);
     assert_eq!((stage.calls("").len(), fs::read(stage.path("out/model.ply")).unwrap()), (calls, bytes.clone()));
     let direct = ["run", scene().to_str().unwrap(), "-o", "direct", "--iterations", "20", "--no-prune"];
     end(&mut stage.program(&direct)).with(0, &[]);

@@ -45,7 +45,7 @@ fn the_sharp_frames_of_a_video_are_chosen() {
     encode(&frames.join("%04d.png"), "10", &MPEG4, &stage.path("a: walk.mp4"));
 
     // The script places no photo: only the choice is looked at.
-    end(&mut stage.program(&["pose", "a: walk.mp4", "-o", "scene"])).with(3, &["0 of 20 photos"]);
+    end(&mut stage.program(&["pose", "a: walk.mp4", "-o", "scene"])).with(3, &["0 of its 20 frames", "film longer"]);
     let chosen: Vec<usize> = sorted(&stage.path("scene/images"))
         .iter()
         .map(|path| path.file_stem().unwrap().to_str().unwrap().strip_prefix("frame_").unwrap().parse().unwrap())
@@ -58,9 +58,33 @@ fn the_sharp_frames_of_a_video_are_chosen() {
         let near = |i: usize| difference(&path, &frames.join(format!("{i:04}.png")));
         assert!(near(*number) < near(number - 1).min(near((number + 1) % FRAMES)), "{number}");
     }
-    // An error of ffmpeg is told.
+}
+
+#[test]
+fn files_without_enough_pictures_are_refused_with_advice_on_videos() {
+    if !starts("ffmpeg") {
+        return skip("no ffmpeg");
+    }
+    let stage = Stage::new();
     fs::write(stage.path("broken.mp4"), [7; 999]).unwrap();
-    end(&mut stage.program(&["pose", "broken.mp4", "-o", "other"])).with(3, &["ffprobe failed", "broken.mp4", "log"]);
+    fs::write(stage.path("empty.mp4"), "").unwrap();
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.args(["-loglevel", "error", "-nostdin", "-f", "lavfi", "-i", "sine=duration=0.2", "-c:a", "aac"]);
+    assert!(ffmpeg.arg(stage.path("sound.mp4")).status().unwrap().success());
+    for (file, told) in [
+        ("broken.mp4", "copy or export it again"),
+        ("empty.mp4", "copy or export it again"),
+        ("sound.mp4", "holds no video stream"),
+    ] {
+        let ended = end(&mut stage.program(&["pose", file, "-o", "other"])).with(3, &[file, told]);
+        assert!(!ended.said.contains("resume") && !stage.path("other").exists(), "{}", ended.said);
+    }
+    for i in 0..3_u8 {
+        image::RgbImage::from_pixel(32, 24, image::Rgb([40 * i; 3])).save(stage.path(&format!("{i}.png"))).unwrap();
+    }
+    encode(&stage.path("%d.png"), "10", &MPEG4, &stage.path("short.mp4"));
+    let told = ["1 sharp frame out of 3", "short.mp4 cannot be used: it gives 1 sharp frame", "film longer"];
+    end(&mut stage.program(&["pose", "short.mp4", "-o", "short"])).with(3, &told);
 }
 
 #[test]

@@ -102,6 +102,8 @@ fn the_panel_is_used_by_keys_alone() {
         page.mouse(kind, [middle[0], middle[1]], &json!({}));
     }
     page.until("document.getElementById('split').value > 40 && document.activeElement === document.body");
+    let degrees = "[viewer.scene.models[0].degree, document.getElementById('degree').value, document.getElementById('degree').length]";
+    assert_eq!(page.value(degrees), json!([0, "0", 1]), "no degree that the model lacks");
     // What is not text has a name.
     page.until(
         "photo.alt && [...document.querySelectorAll('main, canvas')].every((e) => e.getAttribute('aria-label'))",

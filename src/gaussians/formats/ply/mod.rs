@@ -16,6 +16,9 @@ use crate::ply::{Element, Encoding, Header, Kind, Table, tables};
 pub(super) use pack::write as write_compressed;
 pub(super) use write::write;
 
+/// Greatest magnitude of SH coefficients above band 0 in the compressed layout.
+pub(super) const SH_LIMIT: f32 = compressed::SH_RANGE / 2.0;
+
 /// Reads a whole PLY file of either layout; elements that neither knows are skipped.
 pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     let header = Header::parse(bytes)?;

@@ -11,7 +11,7 @@ use zip::{CompressionMethod, System, ZipWriter};
 
 use super::super::fault::Fault;
 use super::super::weight::weight;
-use super::super::{Gaussians, RenderMode, SogPrecision};
+use super::super::{Gaussians, META, RenderMode, SogPrecision};
 use super::book::Book;
 use super::means::Means;
 use super::turn::least_turn;
@@ -96,7 +96,7 @@ pub(super) fn files(
         meta["shN"] = entry;
     }
     let encoded = textures.into_par_iter().map(|t| Ok((t.name, t.encode()?))).collect::<Result<Vec<_>, String>>();
-    let mut files = vec![("meta.json", meta.to_string().into_bytes())];
+    let mut files = vec![(META, meta.to_string().into_bytes())];
     files.extend(encoded.map_err(unpackable)?);
     Ok(files)
 }
@@ -172,11 +172,13 @@ fn weights(model: &Gaussians, order: &[u32]) -> Vec<f32> {
 
 fn bundle(files: &[(&str, Vec<u8>)]) -> Result<Vec<u8>, Fault> {
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    // WebP does not shrink further, and readers may seek in uncompressed entries.
     // The system's name is a byte of each entry.
     let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).system(System::Unix);
+    let deflated = stored.compression_method(CompressionMethod::Deflated).compression_level(Some(9));
     for (name, content) in files {
-        archive.start_file(*name, stored).map_err(unpackable)?;
+        // WebP does not shrink further, and readers may seek in uncompressed entries.
+        let options = if *name == META { deflated } else { stored };
+        archive.start_file(*name, options).map_err(unpackable)?;
         archive.write_all(content).map_err(unpackable)?;
     }
     archive.finish().map(Cursor::into_inner).map_err(unpackable)

@@ -87,8 +87,9 @@ pub(in super::super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
     read(|name| {
         let entry = archive.by_name(&format!("{prefix}{name}"));
         let entry = entry.map_err(|error| damaged(format!("{name}: {error}")))?;
-        // WebP hardly shrinks in a zip, and JSON by no more than this: content that grows beyond is no model.
-        let most = entry.compressed_size().min(bytes.len() as u64) * 16 + 4096;
+        // WebP hardly shrinks in a zip, and JSON by no more than this, except for codebooks of equal numbers, of which each takes 6 kB at
+        // most: content that grows beyond is no model.
+        let most = entry.compressed_size().min(bytes.len() as u64) * 16 + 16_384;
         let mut content = Vec::new();
         let read = entry.take(most + 1).read_to_end(&mut content);
         read.map_err(|error| damaged(format!("{name}: {error}")))?;

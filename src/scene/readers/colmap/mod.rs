@@ -7,7 +7,7 @@ use crate::extension::has_extension;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 
 use super::lookup::Lookup;
 use super::masks::Masks;
@@ -17,7 +17,7 @@ use super::tree::photo_folders;
 use super::{Listing, clouds, files, pose};
 use crate::scene::lens::{Lens, LensModel};
 use crate::scene::view::{Role, View};
-use crate::scene::{Error, Names, OpenOptions, Point, SceneKind, Skipped, median};
+use crate::scene::{Error, Misfit, Names, OpenOptions, Point, SceneKind, Skipped};
 use crate::wording::counted;
 
 /// Cameras by COLMAP's ids; the fault of one that cannot be used counts only where an image has it.
@@ -148,7 +148,9 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
             skipped.bad_poses.add(&row.name);
             continue;
         };
-        let misfit = misfit(&lens, pose, &row.marks, &places);
+        let marks: Vec<(DVec2, DVec3)> =
+            row.marks.iter().filter_map(|(at, id)| Some((*at, *places.get(id)?))).collect();
+        let misfit = Misfit::of(&lens, pose, &marks);
         let role = match held_out.is_empty() {
             true => Role::Unsaid,
             false if held_out.contains(&names::key(&row.name)) => Role::Test,
@@ -246,17 +248,6 @@ fn held_out(model: &Path, rows: &[ImageRow], skipped: &mut Skipped) -> HashSet<S
         skipped.notes.push(format!("{names} in {} that no photo has", file.display()));
     }
     named
-}
-
-/// The median distance in pixels between a photo's 2D points and where its pose and lens show their points; a point behind the
-/// camera is as far off as the picture is wide.
-fn misfit(lens: &Lens, pose: (DMat3, DVec3), marks: &[Mark], places: &HashMap<u64, DVec3>) -> Option<f64> {
-    let off = |(pixel, id): &Mark| {
-        let p = pose.0 * *places.get(id)? + pose.1;
-        let off = lens.pixel_of(p).distance(*pixel);
-        Some(if off.is_finite() { off } else { f64::from(lens.width) })
-    };
-    median(&mut marks.iter().filter_map(off).collect::<Vec<_>>())
 }
 
 /// The scene of a model folder given by itself: the folder or the nearest of its three parents with a folder of photos.

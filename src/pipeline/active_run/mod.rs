@@ -1,23 +1,20 @@
 //! A run in progress: training, prunes, checkpoints, and final results. `run` drives one, `compare` several from one
 //! checkpoint.
 
+mod finish;
+
 use super::checkpoint::{Checkpoint, RunNotes};
-use super::effects;
-use super::evaluate::{Evaluator, camera_errors, exhibits, mean, protocol};
-use super::floaters::of_training;
+use super::evaluate::{Evaluator, exhibits, mean};
 use super::pair_capacity;
 use super::prune::{PruneRequest, prune};
 use super::setup::Setup;
 use super::start::{Start, initialise};
-use crate::edit::are_many_floaters;
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::config::ResponseSource;
-use crate::job::records::{
-    AttritionRecord, Counts, CurvePoint, FloaterCounts, Guards, Protocol, PruneRecord, RunRecord, Times,
-};
+use crate::job::records::{AttritionRecord, CurvePoint};
 use crate::job::run_log::{LogLine, LoggedRates, RunLog};
-use crate::job::{Error, Output, RunConfig, Session, Silent, Stage};
+use crate::job::{Error, Output, RunConfig};
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::sample::evenly;
@@ -25,7 +22,6 @@ use crate::train::loss::Weights;
 use crate::train::method::Cut;
 use crate::train::rates::Rates;
 use crate::train::{Options, Progress, Trainer};
-use crate::wording::counted;
 use std::ops::Range;
 use std::time::Instant;
 
@@ -42,6 +38,8 @@ pub struct ActiveRun<'a> {
     trainer: Trainer,
     evaluator: Evaluator,
     notes: RunNotes,
+    /// Iteration of the state that is in the folder's checkpoint, if there is one.
+    saved: Option<u32>,
     log: Option<RunLog>,
 }
 
@@ -73,6 +71,7 @@ impl<'a> ActiveRun<'a> {
             pairs: pair_capacity::initial(session.device, gaussians),
         };
         let views = prepared.train.clone();
+        let saved = if let Start::Resumed(checkpoint) = &start { Some(checkpoint.snapshot.iteration) } else { None };
         let (text, photos, contents) =
             (config.written_in(output.folder())?, prepared.names_to_train(), prepared.contents()?);
         let (trainer, notes) = if let Start::Resumed(checkpoint) = start {
@@ -93,7 +92,7 @@ impl<'a> ActiveRun<'a> {
         // Starts empty and grows on demand; runs in blocks never use it.
         let mut evaluator = Evaluator::empty(device, settings)?;
         evaluator.compare_as(config.exposure);
-        let mut run = Self { setup, config, output, trainer, evaluator, notes, log: None };
+        let mut run = Self { setup, config, output, trainer, evaluator, notes, saved, log: None };
         if !run.notes.prunes.is_empty() || run.trainer.attrition().is_some() {
             run.fine_tune();
         }
@@ -110,8 +109,24 @@ impl<'a> ActiveRun<'a> {
     /// them is left to the caller.
     ///
     /// # Errors
-    /// Device memory; device errors; a checkpoint that cannot be written; [`Error::Interrupted`] after one.
+    /// Device memory, after a note about the checkpoint that remains; device errors; a checkpoint that cannot be written;
+    /// [`Error::Interrupted`] after one.
     pub fn train(&mut self, until: u32) -> Result<(), Error> {
+        let trained = self.advance(until);
+        // The model may be half-way through a change: its state is not written.
+        if let Err(Error::Device(error)) = &trained
+            && error.is_resources()
+            && let Some(iteration) = self.saved.filter(|_| self.output.checkpoint().is_file())
+        {
+            self.setup.session.watcher.note(&format!(
+                "the checkpoint of iteration {iteration} remains: where the device has more room, the same command continues \
+                 from it (`run` and `compare` with --resume)"
+            ));
+        }
+        trained
+    }
+
+    fn advance(&mut self, until: u32) -> Result<(), Error> {
         let last = self.config.schedule.iterations;
         let step = last.div_ceil(CURVE_POINTS).max(1);
         let every = self.config.checkpoint_every;
@@ -153,6 +168,7 @@ impl<'a> ActiveRun<'a> {
             let stop = watcher.stop();
             if stop || watcher.checkpoint() || (every > 0 && at > now && at.is_multiple_of(every) && at < last) {
                 self.checkpoint()?.write(&self.output.checkpoint())?;
+                self.saved = Some(at);
             }
             if stop {
                 return Err(Error::Interrupted);
@@ -261,6 +277,15 @@ impl<'a> ActiveRun<'a> {
         if let Some(note) = pruning.compression.detail_note(keep, pruned.before) {
             session.watcher.note(&note);
         }
+        if let Keep::Count(wanted) = pruning.compression.keep
+            && pruned.after < wanted
+            && self.notes.prunes.len() + 1 >= steps
+        {
+            session.watcher.note(&format!(
+                "{wanted} Gaussians were asked for, and the model has {}: train longer, or give a larger --grow-to",
+                pruned.after
+            ));
+        }
         self.notes.seconds += pruned.seconds.total;
         self.notes.prunes.push(pruned);
         Ok(())
@@ -299,100 +324,8 @@ impl<'a> ActiveRun<'a> {
 
     /// The state needed to continue from here.
     pub fn checkpoint(&self) -> Result<Checkpoint, Error> {
-        Checkpoint::new(self.trainer.snapshot()?, self.notes.clone())
-    }
-
-    /// Writes the model, scores it, and writes the results.
-    pub fn finish(mut self) -> Result<RunRecord, Error> {
-        let Setup { session, prepared, .. } = self.setup;
-        let Session { networks, watcher, .. } = *session;
-        let (config, output) = (self.config, self.output);
-        let evaluating = Instant::now();
-        let mut model = self.trainer.download()?;
-        let mut floaters = None;
-        if config.clean {
-            let found = of_training(session, &model, &mut self.trainer, &prepared.train)?;
-            model.compact(&found.iter().map(Option::is_none).collect::<Vec<_>>());
-            let (counts, removed) = (FloaterCounts::of(&found), found.iter().flatten().count());
-            watcher.note(&format!("{} removed: {counts}", counted(removed, "floater")));
-            if are_many_floaters(removed, found.len()) {
-                watcher.note("that is far more than usual, and may cost quality: train longer, or leave out --clean");
-            }
-            floaters = Some((counts, Resident::upload(session.device, &model)?));
-        }
-        prepared.write(&output.model(), &model, config.style.mode())?;
-        let mut follow = |done: usize| {
-            watcher.progress(Stage::Scores, done, prepared.test.len());
-            Ok(())
-        };
-        let cleaned = floaters.as_ref().map(|(_, cleaned)| cleaned);
-        let renders = output.renders();
-        let photos = self.trainer.photos().to_vec();
-        let assessment = self.shown(|evaluator, model| {
-            let model = cleaned.unwrap_or(model);
-            let mut assessment = evaluator.assess(model, prepared, Some(&renders), networks, &mut follow)?;
-            assessment.train_psnr = evaluator.psnr(model, photos.iter())?;
-            assessment.frames_per_second = evaluator.frames_per_second(model, prepared)?;
-            Ok(assessment)
-        })?;
-        assessment.held_out.warn(watcher);
-        exhibits::photos(prepared, &output.renders())?;
-        let protocol = Protocol {
-            iterations: Some(config.schedule.iterations),
-            seed: Some(config.seed),
-            ..protocol(&config.selection(), prepared, networks, config.exposure)
-        };
-        let evaluated = assessment.record(session, prepared.scene.skipped.clone(), protocol, &model, &output.model());
-        let floaters = floaters.map(|(counts, _)| counts);
-        let setup = self.setup;
-        let mut record = RunRecord { floaters, ..self.record(evaluated) };
-        // The trainer is gone: there is room for the model's depths. As the evaluation before, this is not interrupted.
-        let session = &Session { watcher: &Silent, ..*session };
-        let settings = prepared.settings(config.style);
-        let held_out: Vec<_> = prepared.test.iter().map(|(_, photo)| photo).collect();
-        record.camera_errors = camera_errors(session, &model, &held_out, settings, config.exposure)?;
-        record.time.evaluate_s = evaluating.elapsed().as_secs_f64();
-        record.time.total_s = setup.begun.elapsed().as_secs_f64();
-        if let Some(note) = record.camera_errors.and_then(|errors| errors.note(config.poses)) {
-            watcher.note(&note);
-        }
-        if let Some(best) = record.past_best() {
-            let CurvePoint { iteration, psnr, gaussians, .. } = best;
-            watcher.note(&format!(
-                "the run was past its best: held-out photos had {psnr:.2} dB after iteration {iteration}, with {gaussians} Gaussians"
-            ));
-        }
-        Output::json(&output.metrics(), "metrics.json", &record)?;
-        Ok(record)
-    }
-
-    /// An evaluation's record with the figures of training added.
-    fn record(self, evaluated: RunRecord) -> RunRecord {
-        let Self { setup, trainer, notes, .. } = self;
-        RunRecord {
-            gaussians: Counts {
-                initial: Some(notes.initial),
-                dense: Some(notes.prunes.first().map_or(evaluated.gaussians.last, PruneRecord::dense)),
-                ..evaluated.gaussians
-            },
-            guards: Guards { skipped_rows: trainer.skipped_rows(), ..evaluated.guards },
-            time: Times {
-                load_s: setup.load_s,
-                train_s: notes.seconds,
-                prune_s: notes.prunes.iter().fold(0.0, |sum, p| sum + p.seconds.total),
-                stages_s: trainer.timings().iter().map(|(name, seconds, _)| (name, seconds)).collect(),
-                ..Times::default()
-            },
-            prunes: notes.prunes,
-            cut: trainer.cut(),
-            curve: notes.curve,
-            effects: effects::timed(
-                effects::moved(setup.decisions.clone(), trainer.moved_cameras()),
-                trainer.timings(),
-            ),
-            memory: setup.session.memory(setup.estimated_bytes),
-            ..evaluated
-        }
+        let notes = RunNotes { elapsed: self.setup.elapsed(), ..self.notes.clone() };
+        Checkpoint::new(self.trainer.snapshot()?, notes)
     }
 }
 

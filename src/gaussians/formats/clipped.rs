@@ -1,0 +1,46 @@
+//! Spherical harmonics that a format cuts off.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+
+use super::{Format, ply, spz, written_as};
+use crate::extension::has_extension;
+use crate::gaussians::Gaussians;
+use crate::wording::counted;
+
+/// The format of the model in a file of this name, and the greatest magnitude of SH coefficients above band 0 that it stores; none if it
+/// stores any.
+fn limit(path: &Path) -> Option<(Format, f32)> {
+    // A page contains an SPZ.
+    let format = if has_extension(path, &["html"]) { Some(Format::Spz) } else { written_as(path) };
+    match format? {
+        Format::Spz => Some((Format::Spz, spz::SH_LIMIT)),
+        Format::CompressedPly => Some((Format::CompressedPly, ply::SH_LIMIT)),
+        _ => None,
+    }
+}
+
+/// The number of Gaussians with an SH coefficient above band 0 that is cut off in a file of this name: a model file, or a page.
+pub fn clipped(path: &Path, model: &Gaussians) -> usize {
+    let Some((_, most)) = limit(path) else { return 0 };
+    let is_clipped = |i: &usize| {
+        model.sh.iter().enumerate().skip(1).any(|(l, band)| {
+            let width = Gaussians::band_width(l);
+            band.get(i * width..(i + 1) * width).is_some_and(|row| row.iter().any(|value| value.abs() > most))
+        })
+    };
+    (0..model.len()).into_par_iter().filter(is_clipped).count()
+}
+
+/// The warning of a file in which the colours of `gaussians` Gaussians are cut off, as [`clipped()`] counts them; none if there are none.
+pub fn clip_warning(path: &Path, gaussians: usize) -> Option<String> {
+    let (format, most) = limit(path).filter(|_| gaussians > 0)?;
+    let (have, their) = if gaussians == 1 { ("has", "its") } else { ("have", "their") };
+    Some(format!(
+        "{}: {} {have} spherical harmonics beyond the +-{most} that {format} stores; {their} colours are cut off; \
+         .sog and uncompressed .ply files keep them",
+        path.display(),
+        counted(gaussians, "Gaussian")
+    ))
+}
