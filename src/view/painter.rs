@@ -7,7 +7,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::Device;
 use crate::job::Error;
 use crate::job::diagnostics::Diagnostics;
-use crate::pipeline::evaluate::{hide, rgb, truth};
+use crate::pipeline::evaluate::{hide, rgb, truth, weights};
 use crate::render::{Image, Renderer, Settings};
 use crate::scene::Photo;
 use crate::scene::camera::Camera;
@@ -161,7 +161,7 @@ impl Painter {
             Some((at, photo)) if at == n => photo,
             _ => capture.photo(n)?,
         };
-        hide(rendered, &photo, subject.background)?;
+        hide(rendered, weights(&photo)?.as_deref(), subject.background);
         let truth = truth(&photo, subject.background);
         self.photo = Some((n, photo));
         truth

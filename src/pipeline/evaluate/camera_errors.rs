@@ -2,7 +2,7 @@
 //! other half is scored before and after. The model is the witness: no point or track is needed.
 
 use super::camera_fit::{CameraFit, SIDE, is_fitted};
-use super::evaluator::{counts, truth, weights};
+use super::evaluator::{Comparison, counts, truth, weights};
 use crate::gaussians::Gaussians;
 use crate::job::records::CameraErrors;
 use crate::job::{Error, Session};
@@ -48,9 +48,9 @@ pub fn camera_errors(
     let mut found = Vec::with_capacity(count);
     for (photo, depths) in photos.into_iter().zip(&depths) {
         session.watcher.unless_stopped()?;
-        let background = settings.background;
-        let (truth, weights) = (truth(photo, background)?, weights(photo)?);
-        let fit = CameraFit { photo, truth, weights, depths, background, fits_exposure };
+        let comparison = Comparison { background: settings.background, fits_exposure };
+        let (truth, weights) = (truth(photo, settings.background)?, weights(photo)?);
+        let fit = CameraFit { photo, truth, weights, depths, comparison };
         found.push(fit.run(&mut |camera| Ok(painter.render(shown.source(), camera)?))?);
     }
     let mean = |k: usize| found.iter().map(|fitted| fitted.psnr[k]).sum::<f64>() / count as f64;

@@ -1,8 +1,7 @@
 //! A photo's camera, moved until the model's picture fits the photo best: Gauss-Newton steps by the picture's slopes and
 //! depths (Lucas and Kanade 1981; Baker and Matthews 2004). Every other square of the photo is fitted, the rest is scored.
 
-use super::evaluator::{hide, rgb};
-use super::exposure_fit::exposed;
+use super::evaluator::Comparison;
 use crate::job::Error;
 use crate::metrics::round_trip_8bit;
 use crate::render::Image;
@@ -40,10 +39,8 @@ pub struct CameraFit<'a> {
     pub weights: Option<Vec<f32>>,
     /// Depth of each pixel along the camera's axis; infinite where the model shows nothing.
     pub depths: &'a [f32],
-    /// Colour behind the Gaussians.
-    pub background: [f32; 3],
-    /// True if the photo has an exposure of its own.
-    pub fits_exposure: bool,
+    /// How pictures are compared with the photo.
+    pub comparison: Comparison,
 }
 
 /// A camera that was fitted.
@@ -59,7 +56,9 @@ impl CameraFit<'_> {
     /// Fits the camera; `draw` gives the model's picture by a camera.
     pub fn run(&self, draw: &mut dyn FnMut(&Camera) -> Result<Image, Error>) -> Result<Fitted, Error> {
         let given = &self.photo.camera;
-        let mut picture = |camera: &Camera| self.compared(&draw(camera)?);
+        let weights = self.weights.as_deref();
+        let mut picture =
+            |camera: &Camera| draw(camera).map(|image| self.comparison.picture(&image, &self.truth, weights));
         let first = picture(given)?;
         let scale = self.mean_square(&first, true).max(f64::MIN_POSITIVE);
         let (mut camera, mut best, mut error) = (given.clone(), first.clone(), self.error(&first, scale));
@@ -87,19 +86,6 @@ impl CameraFit<'_> {
 
     fn width(&self) -> usize {
         self.photo.camera.width as usize
-    }
-
-    /// A picture as it is compared with the photo.
-    fn compared(&self, image: &Image) -> Result<Vec<f32>, Error> {
-        let plain = rgb(image);
-        let mut seen = plain.clone();
-        hide(&mut seen, self.photo, self.background)?;
-        if !self.fits_exposure {
-            return Ok(seen);
-        }
-        let mut shown = exposed(&seen, &self.truth, &plain, self.width());
-        hide(&mut shown, self.photo, self.background)?;
-        Ok(shown)
     }
 
     /// Columns of a row that are looked at, some of each row of a large photo: those that are fitted, or those that are scored.

@@ -36,18 +36,15 @@ pub fn truth(view: &Photo, background: [f32; 3]) -> Result<Vec<f32>, Error> {
     Ok(out)
 }
 
-/// Puts the background in a rendered picture (red, green, blue of each pixel) where the photo's mask hides the photo.
-pub fn hide(rendered: &mut [f32], view: &Photo, background: [f32; 3]) -> Result<(), Error> {
-    if view.alpha_role == AlphaRole::Mask {
-        let bytes = view.pixels.read().map_err(train::Error::Photos)?;
-        for (x, p) in rendered.chunks_exact_mut(3).zip(bytes.chunks_exact(4)) {
-            let counts = f32::from(p[3]) / 255.0;
-            for c in 0..3 {
-                x[c] = x[c] * counts + background[c] * (1.0 - counts);
-            }
+/// Puts the background in a rendered picture (red, green, blue of each pixel) where its photo's mask hides the photo: where
+/// these [`weights`] are below 1.
+pub fn hide(rendered: &mut [f32], weights: Option<&[f32]>, background: [f32; 3]) {
+    let Some(weights) = weights else { return };
+    for (x, counts) in rendered.chunks_exact_mut(3).zip(weights.chunks_exact(3)) {
+        for c in 0..3 {
+            x[c] = x[c] * counts[c] + background[c] * (1.0 - counts[c]);
         }
     }
-    Ok(())
 }
 
 /// What a photo's mask lets count of each value of its picture, 0 to 1; none without a mask.
@@ -136,27 +133,39 @@ pub struct Evaluator {
 
 /// Comparison of rendered views and photos.
 #[derive(Clone, Copy)]
-struct Comparison {
-    background: [f32; 3],
-    fits_exposure: bool,
+pub struct Comparison {
+    /// Colour behind the Gaussians.
+    pub background: [f32; 3],
+    /// True if photos have exposures of their own.
+    pub fits_exposure: bool,
 }
 
 impl Comparison {
+    /// A rendered picture as it is compared with its photo, red, green and blue in [0, 1]: exposed like the photo, if photos have
+    /// exposures, with the background where a mask hides it. `truth` and `weights` are the photo's.
+    pub fn picture(self, image: &Image, truth: &[f32], weights: Option<&[f32]>) -> Vec<f32> {
+        let mut rendered = rgb(image);
+        if self.fits_exposure {
+            let mut seen = rendered.clone();
+            hide(&mut seen, weights, self.background);
+            rendered = exposed(&seen, truth, &rendered, image.width as usize);
+        }
+        hide(&mut rendered, weights, self.background);
+        rendered
+    }
+
     /// A rendered view and its photo, as they are compared; none if nothing of them counts.
     fn pair(self, image: &Image, view: &Photo) -> Result<Option<Compared>, Error> {
         if !counts(view, |x, _| !self.fits_exposure || x >= view.camera.width as usize / 2)? {
             return Ok(None);
         }
-        let (plain, photo, weights) = (rgb(image), truth(view, self.background)?, weights(view)?);
-        let mut rendered = plain.clone();
-        hide(&mut rendered, view, self.background)?;
+        let (photo, weights) = (truth(view, self.background)?, weights(view)?);
+        let rendered = self.picture(image, &photo, weights.as_deref());
         let (w, h) = (image.width as usize, image.height as usize);
         if !self.fits_exposure {
             return Ok(Some(Compared { size: [w, h], rendered, photo, weights }));
         }
-        let mut shown = exposed(&rendered, &photo, &plain, w);
-        hide(&mut shown, view, self.background)?;
-        let (half, rendered) = right_half(&shown, w);
+        let (half, rendered) = right_half(&rendered, w);
         let weights = weights.map(|weights| right_half(&weights, w).1);
         Ok(Some(Compared { size: [half, h], rendered, photo: right_half(&photo, w).1, weights }))
     }

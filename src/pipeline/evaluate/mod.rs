@@ -10,4 +10,4 @@ pub mod pictures;
 
 pub use assess::{Assessment, Compared, mean, protocol};
 pub use camera_errors::camera_errors;
-pub use evaluator::{Evaluator, HeldOut, hide, rgb, truth};
+pub use evaluator::{Evaluator, HeldOut, hide, rgb, truth, weights};
