@@ -10,7 +10,6 @@ use std::{fs, io};
 
 /// Folder of the shipped modules and their record.
 pub const SHIPPED: &str = "glsl/spirv";
-/// Folder of the includes.
 const INCLUDES: &str = "glsl";
 /// Vulkan 1.2 is the floor of gpu/choose/properties.rs. Unoptimised modules keep every name and constant that the reflection
 /// reads.
@@ -127,9 +126,7 @@ pub fn compiler() -> io::Result<String> {
 pub struct Entry {
     /// Fingerprint of its source and of everything that this includes.
     pub source: u64,
-    /// Fingerprint of the module.
     pub module: u64,
-    /// The compiler that made it.
     pub compiler: String,
 }
 

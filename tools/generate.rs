@@ -128,7 +128,6 @@ fn binding(at: usize, b: &Binding, shown: &str) -> String {
     format!("    /// Binding {at}, {}.\n    pub {}: &'a Buffer<{}>,\n", access(b), b.name, rust(&b.element))
 }
 
-/// The associated constant `SHADER`.
 fn shader(module: &Module, name: &str, r: &Reflection, constants: &[&Constant]) -> String {
     let (mut infos, mut ids) = (String::new(), String::new());
     for b in &r.bindings {

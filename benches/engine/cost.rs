@@ -2,11 +2,11 @@
 //! linear.
 
 use super::bounds::{self, Bound};
-use super::{device, group, scenes};
+use super::{device, group, row, scenes, time_of_picture};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::render::{Renderer, STAGES, Settings};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 const GAUSSIANS: usize = 20_000;
 /// Heights of pictures whose Gaussians are so small that dilation determines their size: the same number of pairs in
@@ -41,14 +41,9 @@ pub fn cost(criterion: &mut Criterion) {
         let bound: Bound = STAGES.iter().map(|stage| picture.stage(stage)).sum();
         bound.note("cost", &[axis, &id], &picture.numbers());
         group.throughput(Throughput::Elements(elements));
-        group.bench_function(BenchmarkId::new(axis, id), |b| {
-            b.iter_custom(|iterations| {
-                let start = Instant::now();
-                let draw = |_| renderer.draw(&resident, &camera).unwrap();
-                let timings: Vec<_> = (0..iterations).map(draw).collect();
-                let device_time = timings.iter().flat_map(|t| STAGES.iter().map(|s| t.seconds(s))).sum();
-                if super::has_timestamps() { Duration::from_secs_f64(device_time) } else { start.elapsed() }
-            });
+        row(&mut group, BenchmarkId::new(axis, id), || {
+            let start = Instant::now();
+            time_of_picture(&renderer.draw(&resident, &camera).unwrap(), start)
         });
     }
     group.finish();

@@ -1,11 +1,11 @@
 //! `culling`: pairs and milliseconds per picture by culling method, over an orbit of `flowers_lod2` at 1280 x 720.
 
 use super::flowers::{self, VIEWS, fewer};
-use super::{device, facts, group, has_timestamps};
+use super::{device, facts, group, row, time_of_picture};
 use criterion::{BenchmarkId, Criterion};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Gaussians, formats};
-use qirf_vk::render::{Culling, Renderer, STAGES, Settings};
+use qirf_vk::render::{Culling, Renderer, Settings};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -62,21 +62,12 @@ pub fn culling(criterion: &mut Criterion) {
             ("three_sigma_pairs_at_16", each(three_sigma)),
         ];
         facts::note("culling", &[name], &numbers);
-        group.bench_function(BenchmarkId::from_parameter(name), |b| {
-            b.iter_custom(|iterations| {
-                let mut total = Duration::ZERO;
-                for camera in (0..iterations).flat_map(|_| &cameras) {
-                    let start = Instant::now();
-                    let timings = renderer.draw(&resident, camera).unwrap();
-                    total += if has_timestamps() {
-                        Duration::from_secs_f64(STAGES.iter().map(|s| timings.seconds(s)).sum())
-                    } else {
-                        start.elapsed()
-                    };
-                }
-                total / VIEWS
-            });
-        });
+        let picture = |camera| {
+            let start = Instant::now();
+            time_of_picture(&renderer.draw(&resident, camera).unwrap(), start)
+        };
+        let run = || cameras.iter().map(picture).sum::<Duration>() / VIEWS;
+        row(&mut group, BenchmarkId::from_parameter(name), run);
     }
     group.finish();
 }

@@ -1,7 +1,7 @@
 //! `frame`: time by stage of one picture of 1280 x 720, for 10 k, 100 k and 500 k Gaussians.
 
 use super::bounds::{self, Bound};
-use super::{WHOLE, device, group, has_timestamps, scenes, thousands};
+use super::{WHOLE, device, group, has_timestamps, row, scenes, thousands};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::render::{Renderer, STAGES, Settings};
@@ -28,24 +28,16 @@ pub fn frame(criterion: &mut Criterion) {
             let elements = if *stage == STAGES[0] || *stage == STAGES[1] { n as u64 } else { u64::from(pairs) };
             group.throughput(Throughput::Elements(elements));
             picture.stage(stage).note("frame", &[stage, &thousands(n)], &picture.numbers());
-            group.bench_function(BenchmarkId::new(*stage, thousands(n)), |b| {
-                b.iter_custom(|iterations| {
-                    let seconds = |_| renderer.draw(&resident, &camera).unwrap().seconds(stage);
-                    Duration::from_secs_f64((0..iterations).map(seconds).sum())
-                });
-            });
+            let seconds = || renderer.draw(&resident, &camera).unwrap().seconds(stage);
+            row(&mut group, BenchmarkId::new(*stage, thousands(n)), || Duration::from_secs_f64(seconds()));
         }
         group.throughput(Throughput::Elements(u64::from(pairs)));
         let all: Bound = STAGES.iter().map(|stage| picture.stage(stage)).sum();
         all.note("frame", &[WHOLE, &thousands(n)], &picture.numbers());
-        group.bench_function(BenchmarkId::new(WHOLE, thousands(n)), |b| {
-            b.iter_custom(|iterations| {
-                let start = Instant::now();
-                for _ in 0..iterations {
-                    renderer.draw(&resident, &camera).unwrap();
-                }
-                start.elapsed()
-            });
+        row(&mut group, BenchmarkId::new(WHOLE, thousands(n)), || {
+            let start = Instant::now();
+            renderer.draw(&resident, &camera).unwrap();
+            start.elapsed()
         });
     }
     group.finish();

@@ -1,13 +1,11 @@
 //! `loss`: L1 + SSIM and its gradient by picture size; its cost is linear in pixels.
 
 use super::bounds::Picture;
-use super::{device, group, time_of};
+use super::{device, group, row, timed};
 use criterion::{BenchmarkId, Criterion, Throughput};
-use qirf_vk::gpu::{Recording, Timings};
 use qirf_vk::response::Target;
 use qirf_vk::scene::AlphaRole;
 use qirf_vk::train::loss::{Loss, Weights};
-use std::time::{Duration, Instant};
 
 /// Pictures of noise against photos of noise.
 pub fn loss(criterion: &mut Criterion) {
@@ -23,28 +21,12 @@ pub fn loss(criterion: &mut Criterion) {
         let loss = Loss::new(device, width, height).unwrap();
         let (size, alpha_role) = ([width, height], AlphaRole::Opaque);
         let target = Target { photo: &photo, size, alpha_role, background: [0.0; 3] };
-        let once = || -> Timings {
-            let mut recording = Recording::new();
-            recording.scope("loss", |r| {
-                loss.record(r, &image, target, Weights::default());
-            });
-            device.run(recording).unwrap()
-        };
-        once();
         group.throughput(Throughput::Elements(pixels as u64));
         let id = format!("{width}x{height}");
         let picture = Picture { size: [width, height], ..Picture::default() };
         picture.stage("loss").note("loss", &[&id], &[("pixels", pixels as f64)]);
-        group.bench_function(BenchmarkId::from_parameter(id), |b| {
-            b.iter_custom(|iterations| {
-                (0..iterations)
-                    .map(|_| {
-                        let start = Instant::now();
-                        time_of(&once(), "loss", start)
-                    })
-                    .sum::<Duration>()
-            });
-        });
+        let run = || timed("loss", |r| loss.record(r, &image, target, Weights::default()));
+        row(&mut group, BenchmarkId::from_parameter(id), run);
     }
     group.finish();
 }

@@ -18,11 +18,11 @@ mod overlap;
 mod primitives;
 mod rates;
 mod scenes;
-mod solve;
 
 use criterion::measurement::WallTime;
-use criterion::{BenchmarkGroup, Criterion, SamplingMode, criterion_group, criterion_main};
-use qirf_vk::gpu::{Device, DeviceOptions, Timings};
+use criterion::{BenchmarkGroup, BenchmarkId, Criterion, SamplingMode, criterion_group, criterion_main};
+use qirf_vk::gpu::{Device, DeviceOptions, Recording, Timings};
+use qirf_vk::render::STAGES;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
@@ -42,6 +42,26 @@ fn device() -> &'static Device {
 /// True if the device times scopes itself.
 fn has_timestamps() -> bool {
     device().info().timestamp_period > 0.0
+}
+
+/// Measures a row of a group. The first run, which may compile, does not count.
+fn row(group: &mut BenchmarkGroup<'_, WallTime>, id: BenchmarkId, run: impl Fn() -> Duration) {
+    run();
+    group.bench_function(id, |b| b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum()));
+}
+
+/// The time of the commands that `record` records under this name.
+fn timed(scope: &'static str, record: impl FnOnce(&mut Recording)) -> Duration {
+    let mut recording = Recording::new();
+    recording.scope(scope, record);
+    let start = Instant::now();
+    time_of(&device().run(recording).unwrap(), scope, start)
+}
+
+/// The time of a picture's stages, or the time since `start` if there is none.
+fn time_of_picture(timings: &Timings, start: Instant) -> Duration {
+    let seconds = || STAGES.iter().map(|stage| timings.seconds(stage)).sum();
+    if has_timestamps() { Duration::from_secs_f64(seconds()) } else { start.elapsed() }
 }
 
 /// Device time of a scope, or the time since `start` if there is none.
@@ -86,9 +106,6 @@ criterion_group!(
     iteration::iteration,
     overlap::overlap,
     overlap::participation,
-    overlap::responses,
-    solve::participation,
-    solve::selection,
-    solve::select
+    overlap::responses
 );
 criterion_main!(benches);

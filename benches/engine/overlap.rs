@@ -1,7 +1,7 @@
 //! `overlap` and `rrdm`: a batch's matrices, in pairs per second; `participation`: the device's solver; `responses`:
 //! time that gathering responses adds to an iteration.
 
-use super::{bounds, device, group, scenes, time_of};
+use super::{bounds, device, group, row, scenes, time_of};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Error, Recording};
@@ -12,7 +12,7 @@ use qirf_vk::qirf::plan::triangle;
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::render::{BACKWARD_STAGES, Backward, STAGES, Settings, TrainingRenderer};
 use qirf_vk::response::{Gather, HighPass, ResidentResponses, ResidentScores};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 const GAUSSIANS: usize = 24_576;
 
@@ -38,7 +38,6 @@ pub fn overlap(criterion: &mut Criterion) {
                     let (_, timings) = readback.wait().unwrap();
                     time_of(&timings, stage, start)
                 };
-                run();
                 let blocks = assembly.batches()[0].blocks.len();
                 let pairs = blocks * (triangle(m) - m);
                 let bound = match stage {
@@ -47,9 +46,7 @@ pub fn overlap(criterion: &mut Criterion) {
                 };
                 bound.note(stage, &[name, &m.to_string()], &[("pairs", pairs as f64), ("members", m as f64)]);
                 group.throughput(Throughput::Elements(pairs as u64));
-                group.bench_function(BenchmarkId::new(name, m), |b| {
-                    b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
-                });
+                row(&mut group, BenchmarkId::new(name, m), run);
             }
         }
         group.finish();
@@ -71,13 +68,10 @@ pub fn participation(criterion: &mut Criterion) {
             let timings = assembly.solve_each::<Error>(Problem::default(), |_, _| Ok(())).unwrap();
             time_of(&timings, "participation", start)
         };
-        run();
         group.throughput(Throughput::Elements((FEW / m) as u64));
         let blocks = (FEW / m) as f64;
         bounds::participation(blocks, m as f64).note("participation", &[&m.to_string()], &[("blocks", blocks)]);
-        group.bench_function(BenchmarkId::from_parameter(m), |b| {
-            b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
-        });
+        row(&mut group, BenchmarkId::from_parameter(m), run);
     }
     group.finish();
 }
@@ -106,19 +100,12 @@ pub fn responses(criterion: &mut Criterion) {
         scores.record(&mut recording, &renderer, &resident, &camera, None);
         device.run(recording).unwrap()
     };
-    run();
     let mut group = group(criterion, "responses");
     let stages = STAGES.into_iter().chain(BACKWARD_STAGES).chain(["high pass", "respond", "score"]);
     for stage in stages {
-        group.bench_function(BenchmarkId::from_parameter(stage), |b| {
-            b.iter_custom(|iterations| {
-                (0..iterations)
-                    .map(|_| {
-                        let start = Instant::now();
-                        time_of(&run(), stage, start)
-                    })
-                    .sum::<Duration>()
-            });
+        row(&mut group, BenchmarkId::from_parameter(stage), || {
+            let start = Instant::now();
+            time_of(&run(), stage, start)
         });
     }
     group.finish();

@@ -1,10 +1,10 @@
 //! `sort` and `scan`: rates in elements per second.
 
-use super::{bounds, device, group, has_timestamps, scenes::noise, time_of};
+use super::{bounds, device, group, has_timestamps, row, scenes::noise, time_of, timed};
 use criterion::{BenchmarkId, Criterion, Throughput};
 use qirf_vk::gpu::Recording;
 use qirf_vk::primitives::{Count, Pairs, Scan, Sort};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 const POWERS: [u32; 3] = [16, 20, 22];
 
@@ -30,12 +30,9 @@ pub fn sort(criterion: &mut Criterion) {
             let start = Instant::now();
             time_of(&device.run(recording).unwrap(), "sort", start)
         };
-        run();
         group.throughput(Throughput::Elements(u64::from(n)));
         bounds::sort(f64::from(n)).note("sort", &[&format!("2^{power}")], &[("elements", f64::from(n))]);
-        group.bench_function(BenchmarkId::from_parameter(format!("2^{power}")), |b| {
-            b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
-        });
+        row(&mut group, BenchmarkId::from_parameter(format!("2^{power}")), run);
     }
     if !has_timestamps() {
         println!("sort: no timestamps on this device; times include a copy of the keys and the submission");
@@ -55,18 +52,10 @@ pub fn scan(criterion: &mut Criterion) {
         let count = Count::known(device, "n", n, &[Scan::block(device)]).unwrap();
         let total = Count::new(device, "total", u32::MAX, &[]).unwrap();
         let scan = Scan::new(device, n).unwrap();
-        let run = || {
-            let mut recording = Recording::new();
-            recording.scope("scan", |r| scan.record(r, &count, (&source).into(), &target, &total));
-            let start = Instant::now();
-            time_of(&device.run(recording).unwrap(), "scan", start)
-        };
-        run();
+        let run = || timed("scan", |r| scan.record(r, &count, (&source).into(), &target, &total));
         group.throughput(Throughput::Elements(u64::from(n)));
         bounds::scan(f64::from(n)).note("scan", &[&format!("2^{power}")], &[("elements", f64::from(n))]);
-        group.bench_function(BenchmarkId::from_parameter(format!("2^{power}")), |b| {
-            b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
-        });
+        row(&mut group, BenchmarkId::from_parameter(format!("2^{power}")), run);
     }
     group.finish();
 }

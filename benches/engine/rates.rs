@@ -1,10 +1,8 @@
 //! `device`: the device's peak rates, from which the bounds of all other groups are computed.
 
-use super::{device, facts, group, time_of};
+use super::{device, facts, group, row, timed};
 use criterion::{BenchmarkId, Criterion, Throughput};
-use qirf_vk::gpu::Recording;
 use qirf_vk::primitives::rates::{By, Chain, Copy, MultiplyAdd};
-use std::time::{Duration, Instant};
 
 /// Size in MiB of each of two buffers: within a core's cache, within a shared one, and in memory. The largest is the
 /// size that every device of Vulkan 1.2 can bind.
@@ -19,39 +17,19 @@ pub fn rates(criterion: &mut Criterion) {
     for mib in SIZES {
         for (by, name) in [(By::Kernel, "copy by a kernel"), (By::Command, "copy by command")] {
             let copy = Copy::new(device, mib << 18, by).unwrap();
-            let run = || timed("copy", |r| copy.record(r));
-            run();
             let id = format!("2 x {mib} MiB");
             facts::note("device", &[name, &id], &[("bytes", copy.moved() as f64), ("buffers", (mib << 21) as f64)]);
             group.throughput(Throughput::Bytes(copy.moved()));
-            group.bench_function(BenchmarkId::new(name, id), |b| {
-                b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
-            });
+            row(&mut group, BenchmarkId::new(name, id), || timed("copy", |r| copy.record(r)));
         }
     }
     let chain = Chain::new(device).unwrap();
-    let run = || timed("chain", |r| chain.record(r));
-    run();
     facts::note("device", &["chain of dispatches"], &[("dispatches", f64::from(Chain::DISPATCHES))]);
     group.throughput(Throughput::Elements(u64::from(Chain::DISPATCHES)));
-    group.bench_function("chain of dispatches", |b| {
-        b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
-    });
+    row(&mut group, BenchmarkId::from_parameter("chain of dispatches"), || timed("chain", |r| chain.record(r)));
     let multiply_add = MultiplyAdd::new(device).unwrap();
-    let run = || timed("multiply-add", |r| multiply_add.record(r));
-    run();
     facts::note("device", &["multiply-add"], &[("operations", multiply_add.operations() as f64)]);
     group.throughput(Throughput::Elements(multiply_add.operations()));
-    group.bench_function("multiply-add", |b| {
-        b.iter_custom(|iterations| (0..iterations).map(|_| run()).sum::<Duration>());
-    });
+    row(&mut group, BenchmarkId::from_parameter("multiply-add"), || timed("multiply-add", |r| multiply_add.record(r)));
     group.finish();
-}
-
-/// The time of the commands that `record` records under this name.
-fn timed(scope: &'static str, record: impl FnOnce(&mut Recording)) -> Duration {
-    let mut recording = Recording::new();
-    recording.scope(scope, record);
-    let start = Instant::now();
-    time_of(&device().run(recording).unwrap(), scope, start)
 }

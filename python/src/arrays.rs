@@ -61,7 +61,6 @@ pub fn tuple(shape: &[usize]) -> String {
     format!("({}{})", numbers.join(", "), if shape.len() == 1 { "," } else { "" })
 }
 
-/// The numbers as rows of `N`.
 pub fn rows<const N: usize>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<[f32; N]>> {
     match floats(object, name)? {
         (shape, numbers) if shape.len() == 2 && shape[1] == N => Ok(numbers.as_chunks().0.to_vec()),

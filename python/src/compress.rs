@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 /// The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`: those
 /// in its folder images, at a resolution such as 640 (pixels wide) or "/2", of which every eval_every-th is held out (8 by default).
 /// background, antialias, dilation and depth_order: as in evaluate. selector: the rule that ranks Gaussians (docs/method.md); fine_tune:
-/// iterations of training afterwards.
+/// iterations of training afterwards, left out if they make a file of a given size or psnr worse (record["aim"]["fine_tuning"]).
 ///
 /// record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
 /// "fine_tuned"; each has psnr in dB, None where pictures are equal, and ssim. record["input"] and record["output"] have the bytes of the

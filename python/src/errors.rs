@@ -31,7 +31,6 @@ fn system(error: &Error) -> Option<&io::Error> {
     None
 }
 
-/// The exception for an error.
 pub fn raised(error: impl Into<Error>) -> PyErr {
     let error = error.into();
     let text = in_python(&format!("{error}{}", remedy(&error)));
@@ -106,7 +105,6 @@ pub fn some_file(object: &Bound<'_, PyAny>) -> PyResult<Option<PathBuf>> {
     if object.is_none() { Ok(None) } else { file(object).map(Some) }
 }
 
-/// A share of Gaussians to keep.
 pub fn share(keep: f64) -> PyResult<f64> {
     if keep > 0.0 && keep <= 1.0 {
         return Ok(keep);

@@ -82,7 +82,6 @@ pub fn evaluate<'py>(
     dictionary(py, &record)
 }
 
-/// The record of a model by photos.
 fn by_photos(session: &Session<'_>, model: &Model, evaluation: Evaluation) -> Result<Value, Error> {
     let Selection { scene, images, .. } = &evaluation.selection;
     let (placed, _) = model.placed(Some((scene, images.as_deref())))?;

@@ -52,13 +52,11 @@ impl Model {
         Ok((model, origin))
     }
 
-    /// The bytes of its .ply.
     pub(crate) fn ply(&self) -> Result<Vec<u8>, Error> {
         let how = (Precision::Fixed, SpzVersion::default());
         formats::encode(Path::new("model.ply"), &self.inner, (self.mode, self.origin), how).map_err(Error::writing)
     }
 
-    /// The number of bytes of its .ply.
     pub(crate) fn ply_bytes(&self) -> Result<u64, Error> {
         self.ply().map(|bytes| bytes.len() as u64)
     }
@@ -217,7 +215,7 @@ impl Model {
         Ok(Self { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
     }
 
-    /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz, completely or not at all; an origin is written to georeference.json
+    /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda or .usdz, completely or not at all; an origin is written to georeference.json
     /// beside it. A model without Gaussians is a ValueError.
     fn save(&self, py: Python<'_>, #[pyo3(from_py_with = file)] path: PathBuf) -> PyResult<()> {
         if self.inner.is_empty() {

@@ -31,7 +31,6 @@ pub struct Callbacks {
     pub on_progress: Option<Py<PyAny>>,
 }
 
-/// News of a job.
 enum News {
     Progress(&'static str, usize, usize),
     /// A line of the log, as JSON.

@@ -6,64 +6,57 @@ use crate::job::records::Point;
 
 /// Distance in dB from the target PSNR from which the bytes of the file with that PSNR are foretold.
 const ROUGH: f64 = 1.0;
-/// Excess in dB over the target that is worth more attempts.
+/// Excess in dB over the target that is worth attempts beyond all others.
 const FAR: f64 = 0.5;
-/// Maximum number of attempts at one rung until its bytes are foretold.
+/// Maximum number of attempts at one rung until its bytes are foretold, and at the first one, where nothing is known yet.
 const ON_A_RUNG: usize = 3;
+const ON_THE_FIRST: usize = 5;
 /// Most attempts, beyond all others, at smaller files where the smallest one still exceeds the target by [`FAR`].
 pub(super) const TO_HALVE: usize = 4;
 /// Share of a file's Gaussians by which fewer are worth an attempt.
 const CLOSE: f64 = 0.02;
-/// Attempts left for the best rung, of which three suffice unless PSNR jumps or hardly grows.
-const TO_REFINE: usize = 6;
+/// Attempts left for the best rung while rungs are compared.
+const TO_REFINE: usize = 5;
+/// Share of a file's bytes that another rung must promise to save to be worth an attempt.
+const SAVING: f64 = 0.01;
 
-/// Gaussians of a model whose files are made in milliseconds: it gets more attempts.
+/// Gaussians of a model whose files are made in milliseconds: it gets [`AT_SMALL`] attempts, others get [`AT_LARGE`].
 pub(super) const SMALL: usize = 5_000;
+const AT_SMALL: usize = MOST + 9;
+const AT_LARGE: usize = MOST + 3;
 
 impl<T: Trials> Search<'_, T> {
     /// Foretells the bytes at neighbouring rungs from rough attempts, and refines the best of them.
     pub(super) fn by_psnr(&mut self, wanted: f64) -> Result<Point, T::Error> {
-        self.most = MOST + TO_REFINE - 3;
-        let start = (self.steps.len() - 1).div_ceil(3);
+        self.most = AT_LARGE;
         let mut rows: Vec<Row> = Vec::new();
-        // Up as long as that needs fewer bytes, or as coarser rungs cannot reach the PSNR at all; else down.
-        for step in start..self.steps.len() {
-            if !self.is_better(self.steps[step], wanted, &mut rows)? && best(&mut rows).is_some() {
-                break;
-            }
-        }
-        if best(&mut rows).is_none_or(|row| row.rung == Some(self.steps[start])) {
-            for step in (0..start).rev() {
-                if !self.is_better(self.steps[step], wanted, &mut rows)? {
-                    break;
-                }
-            }
+        let mut next = Some(self.steps[(self.steps.len() - 1).div_ceil(3)]);
+        while let Some(rung) = next {
+            self.explore(rung, wanted, &mut rows)?;
+            next = self.neighbour(&rows).filter(|_| self.left() > TO_REFINE || best(&rows).is_none());
         }
         rows.extend(self.of_whole(wanted));
-        while let Some(row) = best(&mut rows)
-            && !row.is_met()
-            && (self.left() > 0 || self.smallest(wanted).is_none())
-            && self.attempt(row)?
-        {}
+        if self.whole <= SMALL {
+            self.most = AT_SMALL;
+        }
+        self.follow(wanted, &mut rows)?;
+        // What is known now may speak for a rung that seemed worse, or was not tried.
+        while self.left() > 2
+            && let Some((near, rung)) = best(&rows).zip(self.neighbour(&rows))
+        {
+            let mut row = rows[near].at(rung);
+            self.attempt(&mut row)?;
+            rows.push(row);
+            self.follow(wanted, &mut rows)?;
+        }
         // Where every row turned out to miss the target, a finer rung of the whole model reaches it.
         if self.smallest(wanted).is_none() {
             self.scored(self.last(), self.whole)?;
             self.most = self.most.max(self.tried.len() + ON_A_RUNG);
-            if let Some(mut row) = self.of_whole(wanted) {
-                while !row.is_met() && self.left() > 0 && self.attempt(&mut row)? {}
-            }
+            rows.extend(self.of_whole(wanted));
+            self.follow(wanted, &mut rows)?;
         }
-        // Where rungs are far apart, fewer Gaussians lower the PSNR to the target.
-        let far = |point: &Point| point.psnr > Some(wanted + FAR);
-        if let Some(point) = self.smallest(wanted).filter(far) {
-            if self.whole <= SMALL {
-                self.most = self.most.max(self.tried.len() + TO_REFINE);
-            }
-            let mut row = Row::of_rung(point.rung, wanted, self.whole);
-            self.tried.values().filter(|known| known.rung == point.rung).for_each(|known| row.add(*known));
-            while !row.is_met() && self.left() > 0 && self.attempt(&mut row)? {}
-        }
-        if let Some(point) = self.smallest(wanted).filter(far) {
+        if let Some(point) = self.smallest(wanted).filter(|point| point.psnr > Some(wanted + FAR)) {
             self.halve(point, wanted)?;
         }
         match self.smallest(wanted) {
@@ -72,19 +65,59 @@ impl<T: Trials> Search<'_, T> {
         }
     }
 
-    /// Adds the row of a rung, as near to the target as its bytes need to be foretold; whether these are fewer than in the others.
-    fn is_better(&mut self, rung: usize, wanted: f64, rows: &mut Vec<Row>) -> Result<bool, T::Error> {
-        let near = best(rows).map(|row| row.clone()).or_else(|| rows.last().cloned());
+    /// Adds the row of a rung, with attempts that come as near to the target as its bytes need to be foretold.
+    fn explore(&mut self, rung: usize, wanted: f64, rows: &mut Vec<Row>) -> Result<(), T::Error> {
+        let near = best(rows).map(|at| &rows[at]).or_else(|| rows.last());
         let mut row = near.map_or_else(|| Row::of_rung(rung, wanted, self.whole), |near| near.at(rung));
         // As long as no rung is known to reach the PSNR, all attempts serve to find one.
         let reserved = if best(rows).is_some() { TO_REFINE } else { 0 };
-        for _ in 0..ON_A_RUNG {
+        let most = if rows.is_empty() { ON_THE_FIRST } else { ON_A_RUNG };
+        for _ in 0..most {
             if row.nearest().is_some_and(|psnr| psnr <= ROUGH) || self.left() <= reserved || !self.attempt(&mut row)? {
                 break;
             }
         }
         rows.push(row);
-        Ok(best(rows).is_some_and(|row| row.rung == Some(rung)))
+        Ok(())
+    }
+
+    /// The step above the best row, or else the one below, where no row is as near on that side; above all rows if none reaches the PSNR.
+    fn neighbour(&self, rows: &[Row]) -> Option<usize> {
+        let tried = || rows.iter().filter_map(|row| row.rung);
+        let best = best(rows);
+        let rung = best.map_or_else(|| tried().max(), |at| rows[at].rung)?;
+        let above = self.steps.iter().copied().find(|step| *step > rung);
+        let below = self.steps.iter().rev().copied().find(|step| *step < rung && best.is_some());
+        let above = above.filter(|step| !tried().any(|other| other > rung && other <= *step));
+        above.or(below.filter(|step| !tried().any(|other| other < rung && other >= *step)))
+    }
+
+    /// Follows the row that promises the smallest file, until one file is near the target and no row promises a smaller one.
+    fn follow(&mut self, wanted: f64, rows: &mut Vec<Row>) -> Result<(), T::Error> {
+        while (self.left() > 0 || self.smallest(wanted).is_none())
+            && let Some(at) = self.most_promising(wanted, rows)
+            && self.attempt(&mut rows[at])?
+        {}
+        Ok(())
+    }
+
+    /// The row to try next: the one that promises a smaller file than is known, or else that of the smallest file known; `None` if neither
+    /// has anything left to try.
+    fn most_promising(&self, wanted: f64, rows: &mut Vec<Row>) -> Option<usize> {
+        let smallest = self.smallest(wanted);
+        let enough = smallest.map(|point| (1.0 - SAVING) * point.bytes as f64);
+        let saves = |row: &Row| row.is_open() && enough.is_none_or(|enough| row.bytes().is_some_and(|b| b < enough));
+        if let Some(at) = best(rows).filter(|at| saves(&rows[*at])) {
+            return Some(at);
+        }
+        let point = smallest?;
+        if !rows.iter().any(|row| row.rung == Some(point.rung)) {
+            let mut row = Row::of_rung(point.rung, wanted, self.whole);
+            self.tried.values().filter(|known| known.rung == point.rung).for_each(|known| row.add(*known));
+            rows.push(row);
+        }
+        let of_whole = rows.iter().position(|row| row.rung.is_none() && row.holds(&point) && row.is_open());
+        of_whole.or_else(|| rows.iter().position(|row| row.rung == Some(point.rung) && row.is_open()))
     }
 
     /// One more attempt in a row; false if none is left to make there.
@@ -150,7 +183,7 @@ impl<T: Trials> Search<'_, T> {
 }
 
 /// The row whose file with the target PSNR is foretold to have the fewest bytes.
-fn best(rows: &mut [Row]) -> Option<&mut Row> {
-    let bytes = |row: &Row| row.bytes().unwrap_or(f64::INFINITY);
-    rows.iter_mut().filter(|row| row.bytes().is_some()).min_by(|a, b| bytes(a).total_cmp(&bytes(b)))
+fn best(rows: &[Row]) -> Option<usize> {
+    let bytes = rows.iter().enumerate().filter_map(|(at, row)| Some((at, row.bytes()?)));
+    bytes.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(at, _)| at)
 }

@@ -21,7 +21,6 @@ const GROWTH: f64 = 1.03;
 /// PSNR is about linear in the logarithm of the number of Gaussians, and in the rung. The search follows the secant through the two
 /// files nearest to the target; where that does not come nearer, as at jumps of the PSNR, or leads out of what is left between two files, it
 /// halves that.
-#[derive(Clone)]
 pub(super) struct Row {
     /// The rung; none for the whole model.
     pub(super) rung: Option<usize>,
@@ -84,9 +83,16 @@ impl Row {
         Some(self.rung.map_or((number, self.whole), |rung| (rung, number)))
     }
 
-    /// Whether a file has the target PSNR.
-    pub(super) fn is_met(&self) -> bool {
-        self.known.iter().any(|point| point.psnr.is_some_and(|psnr| (0.0..=NEAR).contains(&(psnr - self.wanted))))
+    /// Whether a smaller file of the target PSNR may be left to try.
+    pub(super) fn is_open(&self) -> bool {
+        let [_, high] = self.bracket();
+        let is_met = high.is_some_and(|high| high.psnr <= Some(self.wanted + NEAR));
+        !is_met && self.next().is_some()
+    }
+
+    /// Whether a file was tried in this row.
+    pub(super) fn holds(&self, point: &Point) -> bool {
+        self.known.contains(point)
     }
 
     /// The least distance of a file from the target, in dB.
@@ -94,10 +100,13 @@ impl Row {
         self.known.iter().filter_map(|point| Some((point.psnr? - self.wanted).abs())).reduce(f64::min)
     }
 
-    /// The bytes expected of the file with the target PSNR; none if even the last file is known to miss it, or none is known.
+    /// The bytes expected of the file with the target PSNR, or known of it; none if even the last file is known to miss it, or none is known.
     pub(super) fn bytes(&self) -> Option<f64> {
         let [low, high] = self.bracket();
         let near = high.or(low)?;
+        if high.is_some() && !self.is_open() {
+            return Some(near.bytes as f64);
+        }
         if high.is_none() && self.number(&near) == self.ends[1] {
             return None;
         }

@@ -8,7 +8,7 @@ use super::training::Training;
 use super::{Global, check_folder, holds_run, tell_of_missing};
 use crate::job::config::{PruneRule, Pruning};
 use crate::job::{Error, Output, RunConfig, earlier};
-use crate::lab::compare::{Arm, CompareRecord, arms_help, compare, compare_seeds, of_seeds, write_page};
+use crate::lab::compare::{Arm, CompareRecord, arms_help, compare, compare_seeds, of_seeds, write};
 use crate::qirf::select::budget::Keep;
 use std::path::PathBuf;
 
@@ -51,7 +51,7 @@ pub(super) struct Arguments {
     /// [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     seeds: Option<u32>,
-    /// Reuse finished parts of an earlier comparison with the same options
+    /// Reuse finished parts of an earlier comparison with the same options, and continue interrupted ones
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
@@ -99,15 +99,12 @@ impl Arguments {
         let watcher = Show::new(console);
         let session = self.resources.session((&device, &networks), &watcher);
         let compared = match self.seeds {
-            None => compare(&session, &config, &arms, &self.output, self.resume)?,
+            None => compare(&session, &config, &arms, &self.output, Some(self.resume))?,
             Some(seeds) => compare_seeds(&session, &config, &arms, seeds, &self.output, self.resume)?,
         };
         tell_of_missing(&networks, console);
-        let json = serde_json::to_string_pretty(&compared).map_err(|e| Error::encoding("compare.json", e))?;
-        Output::text(&self.output.join("compare.json"), &json)?;
-        Output::text(&self.output.join("compare.csv"), &compared.csv())?;
-        write_page(&compared, &self.output)?;
-        if self.json { console.print(json) } else { self.report(console, &compared) }
+        write(&compared, &self.output)?;
+        if self.json { console.json(&compared) } else { self.report(console, &compared) }
     }
 
     /// Refuses to lose an interrupted comparison, and to continue one with other options, before any work.
@@ -117,7 +114,7 @@ impl Arguments {
         }
         for (config, folder) in of_seeds(config, self.seeds, &self.output) {
             let output = Output::new(&folder)?;
-            // A finished comparison keeps its checkpoint.
+            // A finished comparison keeps its checkpoint. Its figures go when one begins or continues in its folder.
             if !self.resume && output.checkpoint().exists() && !self.output.join("compare.json").exists() {
                 return Err(Error::Unfinished(output.checkpoint()));
             }

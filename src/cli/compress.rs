@@ -42,13 +42,13 @@ Without photos, the result is compared with pictures of the model from all aroun
 pub(super) struct Arguments {
     /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
-    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz
+    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda or .usdz
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// Measure PSNR against bytes instead: the best files of these formats, such as sog,spz, at six sizes, with the bytes and
     /// the loss of each attribute. OUT is a folder for curve.json, curve.csv and curve.html
     #[arg(long, value_name = "FORMATS", value_delimiter = ',', value_parser = format, conflicts_with_all = ["psnr", "fine_tune", "report", "diagnostics", "sh_bits", "keep", "target_count", "view", "port", "host"])]
-    curve: Option<Vec<String>>,
+    pub(super) curve: Option<Vec<String>>,
     /// Command of splat-transform, with its options, for comparison in the curve; none omits it
     #[arg(long, value_name = "COMMAND", default_value = "splat-transform", requires = "curve")]
     peer: String,
@@ -56,7 +56,7 @@ pub(super) struct Arguments {
     /// the folder qirf-vk in the user's data folder]
     #[arg(long, value_name = "PATH", requires = "curve")]
     lpips_weights: Option<PathBuf>,
-    /// Iterations of training after the prune, on the photos or on the original's pictures
+    /// Iterations of training after the prune, on the photos or on the original's pictures; with --size or --psnr, the better file is kept
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=1_000_000))]
     fine_tune: u32,
     /// Write the figures to this file: as JSON, or as a web page if its name ends in .html
@@ -136,7 +136,8 @@ impl Arguments {
             return Err(Error::Usage("--curve chooses the sizes itself; omit --size of the file".to_owned()));
         }
         check_folder(&self.output)?;
-        let output = Output::new(&self.output)?;
+        let output = Output::claim(&self.output)?;
+        check_file(&output.folder().join("curve.json"))?;
         let peer = Peer::find(&self.peer, output.folder());
         let (loaded, style) = self.options.read(&self.model, console)?;
         let networks = Networks::find(self.lpips_weights.as_deref())?;

@@ -51,7 +51,7 @@ pub(super) struct CompressArgs {
     /// Picture size as largest width in pixels, or as a divisor of the photos' size [default: the photos' size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", requires = "scene", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Mask everything within DEG degrees of straight down in panoramas, such as the tripod or the photographer
+    /// Mask everything within DEG degrees of straight down in panoramas and wide fisheyes, such as the tripod or the photographer
     #[arg(long, value_name = "DEG", default_value = "0", requires = "scene", help_heading = "Photos", value_parser = values::pole)]
     pole_mask: f64,
     /// Hold out every N-th photo for the scores; 0 holds out none [default: 8]

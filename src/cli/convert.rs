@@ -38,7 +38,7 @@ const EXAMPLES: &str = "Examples:
   qirf-vk convert playbot-sog/ playbot.compressed.ply
 
 Formats read: PLY (binary, text, compressed), SPZ 1 to 4, .splat, .ksplat, SOG, glTF (.glb, .gltf), USD (.usda, .usdz).
-Formats written: PLY (exact), GLB and USD (exact but for rounding), SPZ, SOG and .compressed.ply (quantised; the PSNR against the model's pictures is printed).
+Formats written: PLY (exact), glTF (.glb, .gltf) and USD (exact but for rounding), SPZ, SOG and .compressed.ply (quantised; the PSNR against the model's pictures is printed).
 A name in .html gives one page that holds the model as SPZ and draws it in any browser with WebGL 2, without a network.";
 
 #[derive(Debug, clap::Args)]
@@ -47,7 +47,7 @@ pub(super) struct Arguments {
     /// Model to read
     #[arg(value_name = "IN")]
     input: PathBuf,
-    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda, .usdz, .html, or lod-meta.json with --lod
+    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda, .usdz, .html, or lod-meta.json with --lod
     #[arg(value_name = "OUT")]
     output: PathBuf,
     /// Version of a written SPZ: 3 for readers from before 2026; the values are the same [default: 4]

@@ -36,7 +36,6 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    /// For a model that is in a file.
     pub fn of_file(file: &Path) -> Self {
         Self { file: file.to_owned(), model: None }
     }

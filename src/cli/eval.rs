@@ -61,7 +61,7 @@ pub(super) struct Arguments {
     /// size]
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
-    /// Mask everything within DEG degrees of straight down in panoramas [default: that of --config, else 0]
+    /// Mask everything within DEG degrees of straight down in panoramas and wide fisheyes [default: that of --config, else 0]
     #[arg(long, value_name = "DEG", help_heading = "Photos", value_parser = values::pole)]
     pole_mask: Option<f64>,
     /// Hold out every N-th photo for the scores [default: that of --config, else 8]

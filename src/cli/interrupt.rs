@@ -1,18 +1,21 @@
 //! Ctrl-C, SIGTERM and the closing of the terminal, on Windows also Ctrl-Break: the first one asks the work to end at the next step,
 //! the second one ends the program. Commands without steps are ended by the first one.
 
-use std::sync::Arc;
 #[cfg(not(windows))]
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
-/// Notes whether Ctrl-C was pressed since the watch started. Commands without steps keep no watch.
+/// Notes whether Ctrl-C was pressed since the process's first watch started. Commands without steps keep no watch.
 pub(super) struct Watch(Arc<AtomicBool>);
+
+/// What every watch of the process looks at: a part of a job with a watch of its own learns of a Ctrl-C before it.
+static ASKED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 impl Watch {
     /// Starts to watch.
     pub fn begin() -> Self {
-        Self(watched())
+        Self(Arc::clone(ASKED.get_or_init(watched)))
     }
 
     /// Returns true if Ctrl-C was pressed.
@@ -41,7 +44,6 @@ fn watched() -> Arc<AtomicBool> {
     use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     use signal_hook::flag;
     let asked = Arc::new(AtomicBool::new(false));
-    UNWATCHED.store(false, Ordering::SeqCst);
     // In this order, the first Ctrl-C finds the flag unset and sets it, the second finds it set.
     for signal in [SIGINT, SIGTERM] {
         let watching = flag::register_conditional_shutdown(signal, 130, Arc::clone(&asked))
@@ -54,6 +56,8 @@ fn watched() -> Arc<AtomicBool> {
     if is_ignored(SIGHUP) == Some(false) {
         let _ = flag::register(SIGHUP, Arc::clone(&asked));
     }
+    // Only now: no signal is lost on the way.
+    UNWATCHED.store(false, Ordering::SeqCst);
     asked
 }
 
@@ -69,26 +73,22 @@ fn is_ignored(signal: i32) -> Option<bool> {
 /// seconds then, and ends it at once if its handler returns, which tokio's does not.
 #[cfg(windows)]
 fn watched() -> Arc<AtomicBool> {
-    static ASKED: std::sync::OnceLock<Arc<AtomicBool>> = std::sync::OnceLock::new();
-    let asked = ASKED.get_or_init(|| {
-        let asked = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&asked);
-        let (ready, wait) = std::sync::mpsc::channel();
-        std::thread::spawn(move || {
-            let ended = listen(&ready, || {
-                if flag.swap(true, Ordering::SeqCst) {
-                    std::process::exit(130);
-                }
-            });
-            if let Err(e) = ended {
-                tracing::debug!("Ctrl-C will end the program at once: {e}");
+    let asked = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&asked);
+    let (ready, wait) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let ended = listen(&ready, || {
+            if flag.swap(true, Ordering::SeqCst) {
+                std::process::exit(130);
             }
         });
-        // It listens now, or has ended.
-        let _ = wait.recv();
-        asked
+        if let Err(e) = ended {
+            tracing::debug!("Ctrl-C will end the program at once: {e}");
+        }
     });
-    Arc::clone(asked)
+    // It listens now, or has ended.
+    let _ = wait.recv();
+    asked
 }
 
 /// Calls `asked` at each event of the console that should end the program; never returns but with an error.
@@ -125,5 +125,16 @@ pub(super) fn outlive_the_file_size_limit() {
     #[cfg(unix)]
     if let Err(e) = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default()) {
         tracing::debug!("a write beyond the file-size limit will end the program at once: {e}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_later_watch_knows_of_an_earlier_interruption() {
+        let [first, second] = [(); 2].map(|()| Watch::begin());
+        assert!(Arc::ptr_eq(&first.0, &second.0) && !second.pressed());
     }
 }

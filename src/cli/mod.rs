@@ -226,15 +226,22 @@ impl Cli {
     /// Advice on an error of this command.
     fn remedy(&self, error: &Error) -> Option<String> {
         match (error, &self.command) {
+            (Error::Interrupted, Command::Compress(compress)) if compress.curve.is_some() => {
+                Some("no curve was written".to_owned())
+            }
             (Error::Interrupted, Command::Compress(_) | Command::Convert(_) | Command::Edit(_)) => {
                 Some("no model was written".to_owned())
             }
             (Error::Interrupted, Command::Run(_) | Command::Compare(_)) => {
                 Some("what was finished is kept: continue with --resume".to_owned())
             }
+            (Error::Interrupted, Command::Eval(_)) => Some("no figures were written".to_owned()),
             (Error::Interrupted, _) => Some("what was finished is kept".to_owned()),
             (Error::Device(gpu::Error::TooLarge { .. }), Command::Compress(_)) => {
                 Some("use fewer Gaussians or a smaller image, or --selector pairs, which has room for more".to_owned())
+            }
+            (Error::OtherRun { .. }, Command::Compare(_)) => {
+                Some("use the original options and photos, or another folder with -o".to_owned())
             }
             _ => remedy::remedy(error),
         }

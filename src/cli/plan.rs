@@ -135,7 +135,6 @@ impl OfScene {
 }
 
 impl Place {
-    /// The path of the model to come.
     fn model(&self) -> Result<PathBuf, Error> {
         let model = self.output.join(&self.name);
         if self.name.contains(['/', '\\']) || model.extension().is_none_or(|e| e != "ply" && e != "spz") {

@@ -64,7 +64,6 @@ impl Posing {
         *poses != Backend::default() || *matching != Matching::default() || *frames != FRAMES || *rig || *panoramas
     }
 
-    /// The options.
     pub fn options(&self) -> Options {
         Options {
             backend: self.poses,

@@ -7,7 +7,7 @@ use super::resources::Resources;
 use super::show::Show;
 use super::training::Training;
 use super::values;
-use super::{Global, check_no_run, tell_of_missing};
+use super::{Global, check_file, check_no_run, tell_of_missing};
 use crate::gaussians::formats::Loaded;
 use crate::job::{Error, Output, Preset, RunConfig, Session};
 use crate::lab::sweep::records::figure;
@@ -16,7 +16,7 @@ use crate::metrics::Networks;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::scene::orbit::UP;
 use glam::DVec3;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
@@ -31,7 +31,7 @@ dense model of the scene that is trained briefly (--train). For a model without 
 Heavy axes: keep, selector, iterations, effects. They need a scene. Each rung is a training, as long as --preset or --iterations say; \
 keep and selector continue from one checkpoint.
 
-The folder holds sweep.html, sweep.csv and sweep.json.";
+The folder holds sweep.html, sweep.csv and sweep.json, which are written anew after each axis.";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -70,6 +70,26 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// A sweep in progress.
+struct Progress<'a> {
+    swept: SweepRecord,
+    asked: &'a [Asked],
+    folder: &'a Path,
+    begun: Instant,
+}
+
+impl Progress<'_> {
+    /// Adds an axis, and writes the files anew: an interruption loses no axis that was measured.
+    fn add(&mut self, axis: AxisRecord) -> Result<(), Error> {
+        let asked = self.asked;
+        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis.name == axis.axis.name);
+        self.swept.axes.push(axis);
+        self.swept.axes.sort_by_key(place);
+        self.swept.seconds = self.begun.elapsed().as_secs_f64();
+        sweep::write(&self.swept, self.folder)
+    }
+}
+
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let begun = Instant::now();
@@ -95,56 +115,54 @@ impl Arguments {
             ));
         }
         check_no_run(&self.output)?;
-        let device = self.resources.device(global)?;
         let _claimed = Output::claim(&self.output)?;
+        check_file(&self.output.join("sweep.json"))?;
+        // Those of an earlier sweep, which this one's axes replace.
+        for name in ["sweep.json", "sweep.csv", "sweep.html"] {
+            let _ = std::fs::remove_file(self.output.join(name));
+        }
+        let device = self.resources.device(global)?;
         let watcher = Show::new(console);
         let networks = Networks::default();
         let session = self.resources.session((&device, &networks), &watcher);
-        let (described, mut axes) = self.light(&session, console, &asked)?;
-        if asked.iter().any(|a| a.axis.heavy()) {
-            let networks = self.resources.networks()?;
-            let session = Session { networks: &networks, ..session };
-            axes.extend(self.heavy(session, console, &asked)?);
-            tell_of_missing(&networks, console);
-        }
-        let place = |axis: &AxisRecord| asked.iter().position(|a| a.axis.name == axis.axis.name);
-        axes.sort_by_key(place);
         let swept = SweepRecord {
             schema: 1,
             version: env!("CARGO_PKG_VERSION"),
             device: device.tuned(),
             host_threads: rayon::current_num_threads(),
-            subject: described,
-            axes,
-            seconds: begun.elapsed().as_secs_f64(),
+            subject: Described::default(),
+            axes: Vec::new(),
+            seconds: 0.0,
         };
-        let json = serde_json::to_string_pretty(&swept).map_err(|e| Error::encoding("sweep.json", e))?;
-        Output::text(&self.output.join("sweep.json"), &json)?;
-        Output::text(&self.output.join("sweep.csv"), &swept.csv())?;
-        sweep::write_page(&swept, &self.output)?;
-        if self.json { console.print(json) } else { self.report(console, &swept) }
+        let mut progress = Progress { swept, asked: &asked, folder: &self.output, begun };
+        self.light(&session, console, &mut progress)?;
+        if asked.iter().any(|a| a.axis.heavy()) {
+            let networks = self.resources.networks()?;
+            let session = Session { networks: &networks, ..session };
+            self.heavy(session, console, &mut progress)?;
+            tell_of_missing(&networks, console);
+        }
+        if self.json { console.json(&progress.swept) } else { self.report(console, &progress.swept) }
     }
 
     /// Measures the requested light axes.
-    fn light(
-        &self,
-        session: &Session<'_>,
-        console: &Console,
-        asked: &[Asked],
-    ) -> Result<(Described, Vec<AxisRecord>), Error> {
-        if asked.iter().all(|a| a.axis.heavy()) {
+    fn light(&self, session: &Session<'_>, console: &Console, progress: &mut Progress<'_>) -> Result<(), Error> {
+        if progress.asked.iter().all(|a| a.axis.heavy()) {
             let path = self.path.display().to_string();
             let origin = "every rung is a training of its own".to_owned();
-            return Ok((Described { path, origin, ..Described::default() }, Vec::new()));
+            progress.swept.subject = Described { path, origin, ..Described::default() };
+            return Ok(());
         }
         let own_pictures = !is_scene(&self.path);
         let subject = if own_pictures { self.of_model(session, console)? } else { self.of_scene(session, console)? };
         let context = Context { session: *session, subject: &subject, own_pictures, seconds: self.budget_per_axis };
-        let mut axes = Vec::new();
-        for asked in asked {
-            axes.extend(sweep::light(&context, asked)?);
+        progress.swept.subject = subject.described.clone();
+        for asked in progress.asked {
+            if let Some(axis) = sweep::light(&context, asked)? {
+                progress.add(axis)?;
+            }
         }
-        Ok((subject.described.clone(), axes))
+        Ok(())
     }
 
     fn of_scene(&self, session: &Session<'_>, console: &Console) -> Result<Subject, Error> {
@@ -167,7 +185,7 @@ impl Arguments {
     }
 
     /// Measures the requested heavy axes.
-    fn heavy(&self, session: Session<'_>, console: &Console, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
+    fn heavy(&self, session: Session<'_>, console: &Console, progress: &mut Progress<'_>) -> Result<(), Error> {
         let training = heavy::Training {
             session,
             folder: &self.output,
@@ -175,7 +193,7 @@ impl Arguments {
             preset: self.training.preset,
             pruning: &self.training.pruning(&self.choices)?,
         };
-        sweep::heavy(&training, asked)
+        sweep::heavy(&training, progress.asked, |axis| progress.add(axis))
     }
 
     fn report(&self, console: &Console, swept: &SweepRecord) -> Result<(), Error> {

@@ -73,10 +73,10 @@ pub(super) struct Training {
     #[arg(long, value_name = "W|/K", help_heading = "Photos", value_parser = values::resolution_text)]
     resolution: Option<String>,
     /// Folder of depth maps with the photos' names, for initial points and the depth loss: .npy, 16-bit .png in thousandths of
-    /// a unit, .tif, .exr [default: the scene's own, if its transforms.json names some]
+    /// a unit, .tif, .exr, COLMAP's .geometric.bin [default: the scene's own, if its transforms.json names some]
     #[arg(long, value_name = "DIR", help_heading = "Photos")]
     depth: Option<PathBuf>,
-    /// Mask everything within DEG degrees of straight down in panoramas, such as the tripod or the photographer
+    /// Mask everything within DEG degrees of straight down in panoramas and wide fisheyes, such as the tripod or the photographer
     #[arg(long, value_name = "DEG", default_value = "0", help_heading = "Photos", value_parser = values::pole)]
     pole_mask: f64,
     /// Hold out every N-th photo for the scores; 0 holds out none
@@ -84,7 +84,6 @@ pub(super) struct Training {
     eval_every: usize,
 }
 
-/// The help of `--effect`.
 fn effects() -> String {
     let names: Vec<&str> = Effect::settable().map(Effect::name).collect();
     format!(

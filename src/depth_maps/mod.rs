@@ -137,7 +137,7 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     let evidence = DepthEvidence { maps: usable, by, deviation };
     let points = if apart(&evidence).is_some() { Vec::new() } else { points };
     let mut notes = notes(scene, &found, &known);
-    notes.push(yielded(&evidence, &known.scales, points.len(), unseen));
+    notes.extend((usable > 0).then(|| yielded(&evidence, &known.scales, points.len(), unseen)));
     let maps = maps.into_iter().map(|(v, map)| (scene.views[v].name.clone(), map)).collect();
     DepthMaps { maps, evidence, points, notes }
 }

@@ -1,4 +1,4 @@
-//! Files of depth maps: npy, 16-bit pictures and EXR.
+//! Files of depth maps: npy, 16-bit pictures, EXR, and COLMAP's own.
 
 use std::io::{self, Cursor};
 use std::path::Path;
@@ -47,7 +47,7 @@ pub struct Map {
 pub fn read(path: &Path, step: Option<f64>) -> Result<Map, String> {
     let bytes = std::fs::read(path).map_err(|e| e.to_string())?;
     let is_picture = || image::guess_format(&bytes).is_ok_and(|format| format.reading_enabled());
-    let is_known = bytes.starts_with(EXR) || bytes.starts_with(NPY) || is_picture();
+    let is_known = bytes.starts_with(EXR) || bytes.starts_with(NPY) || of_colmap(&bytes).is_some() || is_picture();
     match unread_depth_map(path).filter(|_| !is_known) {
         Some(what) => Err(what),
         None => of_bytes(&bytes, step),
@@ -75,6 +75,9 @@ fn decoded(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
     if bytes.starts_with(NPY) {
         return npy(bytes, length, step);
     }
+    if let Some((sizes, numbers)) = of_colmap(bytes) {
+        return Ok(colmap(sizes, numbers)?.in_units(step));
+    }
     if let Some(map) = tiff(bytes) {
         return Ok(map.in_units(step));
     }
@@ -88,9 +91,33 @@ fn decoded(bytes: &[u8], step: Option<f64>) -> Result<Map, String> {
         }
         DynamicImage::ImageRgb32F(values) => values.pixels().map(|p| p.0[0]).collect(),
         DynamicImage::ImageRgba32F(values) => values.pixels().map(|p| p.0[0]).collect(),
-        _ => return Err("has neither 16 bits nor floats".to_owned()),
+        _ => return Err("is neither one channel of 16 bits nor floats: save it as such, or as .npy".to_owned()),
     };
     Ok(Map::new(width, height, floats).in_units(step))
+}
+
+/// Width, height and channels of a map that COLMAP wrote, and the bytes after them; none for another file.
+fn of_colmap(bytes: &[u8]) -> Option<([u32; 3], &[u8])> {
+    let (mut sizes, mut rest) = ([0_u32; 3], bytes);
+    for size in &mut sizes {
+        // Ten digits at most.
+        let end = rest.iter().take(11).position(|byte| *byte == b'&')?;
+        *size = std::str::from_utf8(&rest[..end]).ok()?.parse().ok()?;
+        rest = &rest[end + 1..];
+    }
+    Some((sizes, rest))
+}
+
+/// COLMAP's map of one channel, whose numbers are floats, row by row.
+fn colmap([width, height, channels]: [u32; 3], numbers: &[u8]) -> Result<Map, String> {
+    if channels != 1 || width == 0 || height == 0 {
+        return Err(format!("holds {width} x {height} x {channels} numbers: give COLMAP's folder depth_maps"));
+    }
+    let (floats, rest) = numbers.as_chunks::<4>();
+    if !rest.is_empty() || floats.len() as u64 != u64::from(width) * u64::from(height) {
+        return Err(format!("has {} bytes, not {height} x {width} floats: copy it again", numbers.len()));
+    }
+    Ok(Map::new(width, height, floats.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()))
 }
 
 /// A TIFF with a single 32-bit float channel, which no picture has.
@@ -139,7 +166,7 @@ fn exr(bytes: &[u8]) -> Result<Map, String> {
 fn npy(bytes: &[u8], length: impl Fn(f64, f64) -> f32, step: Option<f64>) -> Result<Map, String> {
     let npy = NpyFile::new(bytes).map_err(|e| format!("cannot be read: {e}"))?;
     let (height, width) = match *npy.shape() {
-        [h, w] | [h, w, 1] | [1, h, w] => (h, w),
+        [h, w] | [h, w, 1] | [1, h, w] | [1, 1, h, w] => (h, w),
         ref other => return Err(format!("has the shape {other:?}, not height x width")),
     };
     // A claim of more numbers than the file can hold is damage.

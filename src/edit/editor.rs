@@ -26,8 +26,9 @@ pub struct Step {
     pub rules: Option<BTreeMap<Reason, Vec<[u32; 2]>>>,
 }
 
-/// A model under edit. Successive moves ([`Edit::Transform`]) are composed in float64 and applied as one before the next edit
-/// of another kind.
+/// A model under edit. Successive moves ([`Edit::Transform`]) are composed in float64 and wait; they are applied as one
+/// before an edit of another kind and wherever the model is asked for. All methods that apply them fail by [`Error::Overflow`], as
+/// [`Edit::apply`] does.
 #[derive(Clone, Debug)]
 pub struct Editor {
     model: Gaussians,
@@ -45,9 +46,6 @@ impl Editor {
     }
 
     /// The current model, after the moves that were waiting.
-    ///
-    /// # Errors
-    /// [`Error::Overflow`], as from [`Edit::apply`].
     pub fn model(&mut self) -> Result<&Gaussians, Error> {
         self.settle()?;
         Ok(&self.model)
@@ -60,9 +58,6 @@ impl Editor {
 
     /// Applies the moves that wait. Returns the step of float32 in the new positions, in world units, if it matters
     /// ([`rounding`]); `None` if no move waited.
-    ///
-    /// # Errors
-    /// [`Error::Overflow`], as from [`Edit::apply`].
     pub fn settle(&mut self) -> Result<Option<f64>, Error> {
         let Some(moves) = self.moves.take() else { return Ok(None) };
         transform(&mut self.model, &moves)?;
@@ -70,18 +65,12 @@ impl Editor {
     }
 
     /// The model and the records of all edits.
-    ///
-    /// # Errors
-    /// [`Error::Overflow`], as from [`Edit::apply`].
     pub fn finish(mut self) -> Result<(Gaussians, Vec<Step>), Error> {
         self.settle()?;
         Ok((self.model, self.steps))
     }
 
     /// Applies an edit, or lets a move wait; `name` is the user's request, `why` the reason of its removals.
-    ///
-    /// # Errors
-    /// [`Error::Overflow`], as from [`Edit::apply`], by the moves that were waiting.
     pub fn apply(&mut self, edit: &Edit, name: &str, why: &str) -> Result<&Step, Error> {
         let before = self.model.len();
         if let Edit::Transform(next) = edit {

@@ -194,6 +194,9 @@ fn hidden(set: &TrainingSet<'_>, by: AlphaRole) -> (usize, f64) {
 pub fn transparency(set: &TrainingSet<'_>) -> Decision {
     let (photos, share) = hidden(set, AlphaRole::Alpha);
     let evidence = match photos {
+        0 if set.views().any(View::hides_itself) && set.photos.iter().any(|p| p.alpha_role == AlphaRole::Mask) => {
+            "what is transparent in faces of panoramas and wide fisheyes is masked".to_owned()
+        }
         0 => format!("less than {} % of all pixels are transparent", 100.0 * ALPHA_SHARE),
         1 => format!("1 photo has transparent pixels, {:.1} % of all pixels", 100.0 * share),
         n => format!("{n} photos have transparent pixels, {:.1} % of all pixels", 100.0 * share),

@@ -5,7 +5,8 @@ use std::borrow::Cow;
 use glam::{DMat3, DQuat, DVec3, DVec4};
 use rayon::prelude::*;
 
-use super::{Attributes, BandRotations, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
+use super::band_rotations::rotate_bands;
+use super::{Attributes, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
 
 /// A quaternion all of whose components are smaller is normalised: pictures leave out lengths below 1e-6.
 const SHORT: f32 = 1e-5;
@@ -82,7 +83,7 @@ impl Gaussians {
             let turned = turn * DQuat::from_xyzw(x, y, z, w);
             *quaternion = [turned.w, turned.x, turned.y, turned.z].map(|q| q as f32);
         });
-        BandRotations::new(rotation).apply(&mut self.sh);
+        rotate_bands(&mut self.sh, rotation);
     }
 
     /// The model with all lengths times `factor`.
@@ -124,14 +125,6 @@ impl Gaussians {
         self.opacity_logits.reserve_exact(more);
         for (l, band) in self.sh.iter_mut().enumerate() {
             band.reserve_exact(more * Self::band_width(l));
-        }
-    }
-
-    /// Keeps the Gaussians whose index `keep` approves, in their order.
-    pub fn retain(&mut self, keep: impl FnMut(&usize) -> bool) {
-        let kept: Vec<usize> = (0..self.len()).filter(keep).collect();
-        if kept.len() < self.len() {
-            *self = self.select(&kept);
         }
     }
 
@@ -360,9 +353,6 @@ mod tests {
         assert_eq!(picked.opacity_logits, [2.0, 0.0]);
         assert_eq!(picked.sh[1][..9], three().sh[1][18..27]);
         assert!(picked.validate().is_ok());
-        let mut rest = three();
-        rest.retain(|&i| i != 1);
-        assert_eq!(rest, three().select(&[0, 2]));
     }
 
     #[test]

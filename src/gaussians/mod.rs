@@ -13,7 +13,6 @@ pub mod sh;
 
 pub use crate::kernels::constants::projection::MIN_QUATERNION;
 pub use attributes::Attributes;
-pub use band_rotations::BandRotations;
 pub use error::Error;
 
 /// Highest spherical-harmonics degree that the engine supports.

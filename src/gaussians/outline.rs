@@ -104,8 +104,7 @@ mod tests {
         let mut flyaway = lone.clone();
         flyaway.means[0] = [f32::MAX, f32::MIN, 1.0];
         flyaway.log_scales[0] = [f32::MAX; 3];
-        let mut pair = scene();
-        pair.retain(|i| *i == 0 || *i == 2500);
+        let pair = scene().select(&[0, 2500]);
         for model in [Gaussians::default(), lone, flyaway, pair] {
             for up in [DVec3::Z, DVec3::NEG_Y, DVec3::X] {
                 let look = Look { fov: 0.7, elevation: 0.2, size: (64, 48) };

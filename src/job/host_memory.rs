@@ -62,7 +62,6 @@ fn limit_files(groups: &str, mounts: &str) -> Vec<PathBuf> {
 struct Mount<'a> {
     /// The group that is mounted.
     root: &'a str,
-    /// Where.
     point: &'a str,
 }
 

@@ -47,23 +47,23 @@ paths! {
 }
 
 impl Output {
-    /// Opens a folder, created if absent, for this process alone.
+    /// Opens a folder, created if absent, for this process alone. Where another process has it, nothing in it is touched.
     ///
     /// # Errors
     /// [`Error::Busy`] if another process has it, as far as the file system knows locks; [`Error::Write`].
     pub fn claim(folder: &Path) -> Result<Self, Error> {
-        let output = Self::new(folder)?;
-        let Ok(lock) = lockable(folder) else { return Ok(output) };
-        match attempt(&lock) {
-            Ok(Attempt::Busy) => Err(Error::Busy(folder.to_owned())),
-            Ok(Attempt::WithoutLocks) | Err(_) => Ok(output),
-            Ok(Attempt::Locked) => Ok(Self { _lock: Some(lock), ..output }),
-        }
+        create(folder)?;
+        let lock = match lockable(folder).and_then(|file| Ok((attempt(&file)?, file))) {
+            Ok((Attempt::Busy, _)) => return Err(Error::Busy(folder.to_owned())),
+            Ok((Attempt::Locked, file)) => Some(file),
+            Ok((Attempt::WithoutLocks, _)) | Err(_) => None,
+        };
+        Ok(Self { _lock: lock, ..Self::new(folder)? })
     }
 
     /// Opens a folder, created if absent. Temporary files that a killed program left there are removed.
     pub fn new(folder: &Path) -> Result<Self, Error> {
-        std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
+        create(folder)?;
         let output = Self { folder: folder.to_owned(), _lock: None };
         let files =
             [output.checkpoint(), output.config(), output.model(), output.packed(), output.metrics(), output.report()];
@@ -90,6 +90,10 @@ impl Output {
     pub fn text(path: &Path, text: &str) -> Result<(), Error> {
         formats::write_atomically(path, |out| out.write_all(text.as_bytes())).map_err(Error::writing)
     }
+}
+
+fn create(folder: &Path) -> Result<(), Error> {
+    std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })
 }
 
 /// The file whose lock is a folder's: the folder itself, where folders can be opened.
@@ -136,14 +140,20 @@ pub fn bytes_on_disk(path: &Path) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::{Duration, SystemTime};
 
     #[test]
     fn a_folder_is_for_one_at_a_time() {
         let folder = tempfile::tempdir().unwrap();
         let claimed = Output::claim(folder.path()).unwrap();
+        // A killed writer's; no system numbers processes so high.
+        let left = folder.path().join(".model.ply.4194305-0.tmp");
+        File::create(&left).unwrap().set_modified(SystemTime::now() - Duration::from_secs(7200)).unwrap();
         assert!(matches!(Output::claim(folder.path()), Err(Error::Busy(_))));
+        assert!(left.exists(), "it is the other process's to remove");
         assert!(Output::new(folder.path()).is_ok(), "for readers, and parts of the same job");
         drop(claimed);
         assert!(Output::claim(folder.path()).is_ok());
+        assert!(!left.exists());
     }
 }

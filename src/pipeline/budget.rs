@@ -12,8 +12,7 @@ use crate::gaussians::resident::Resident;
 use crate::gpu::{Device, LargestBuffer, staging_bytes};
 use crate::job::config::PruneRule;
 use crate::job::{Error, Relief, RunConfig, Session, host_memory};
-use crate::qirf::participation::Eigensolver;
-use crate::qirf::study;
+use crate::qirf::study::{self, Basis};
 use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};
 use crate::response::Wanted;
 use crate::scene::{DepthMap, camera};
@@ -24,7 +23,6 @@ use crate::train::{PhotoNeeds, Trainer, TrainerNeeds, responses_bytes};
 const GROWTH: usize = 4;
 /// Assumed ratio of a grown block's Gaussians to those that it hands on.
 const GROWN: f64 = 1.5;
-/// Most blocks that are tried.
 const MOST_BLOCKS: usize = 1024;
 /// Bytes of a pixel on the host: as it was drawn, as colours, and encoded.
 const HOST_PIXEL: u64 = 32;
@@ -32,7 +30,6 @@ const HOST_PIXEL: u64 = 32;
 /// What a job needs of a device.
 #[derive(Default)]
 struct Needed {
-    /// Bytes of memory.
     bytes: u64,
     /// The largest buffer, as far as it decides whether the job fits.
     largest: LargestBuffer,
@@ -257,7 +254,7 @@ pub fn for_pictures(device: &Device, model: &Gaussians, size: [u32; 2], style: S
 
 /// Device memory of the study of `gaussians` Gaussians that a prune needs, and of the pass before it; in bytes.
 fn studied(gaussians: usize, compression: &PruneRule) -> u64 {
-    study::bytes(gaussians, compression.selector.reads(), compression.basis.solver)
+    study::bytes(gaussians, compression.selector.reads(), &compression.basis)
 }
 
 /// Parameters of a compression's memory besides the model.
@@ -275,8 +272,8 @@ pub struct CompressNeeds {
     pub exposure: bool,
     /// The data that the pass over the views gathers.
     pub wanted: Wanted,
-    /// Solver of the blocks.
-    pub solver: Eigensolver,
+    /// Blocks and their solver.
+    pub basis: Basis,
     /// Style of rendering.
     pub style: Style,
     /// Largest number of Gaussians that are fine-tuned.
@@ -296,7 +293,7 @@ impl CompressNeeds {
 /// # Errors
 /// The errors of [`for_run`]: blocks that are solved, and Gaussians that are fine-tuned, must be on the device at once.
 pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) -> Result<Place, Error> {
-    let CompressNeeds { size, own_pictures, photos, masked, exposure, wanted, solver, style, trained } = needs;
+    let CompressNeeds { size, own_pictures, photos, masked, exposure, wanted, basis, style, trained } = needs;
     let (gaussians, degree) = (model.len(), model.degree());
     let staged = |bytes: u64| bytes + staging_bytes(bytes);
     let resident = staged(Resident::bytes(gaussians, degree));
@@ -309,7 +306,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         responses_bytes(device, gaussians, pairs, photos, (style, wanted))
     };
     let solves = wanted.channels;
-    let studied = if solves { study::bytes(gaussians, wanted, solver) } else { 0 };
+    let studied = if solves { study::bytes(gaussians, wanted, &basis) } else { 0 };
     let whole = evaluates.max(resident + studied).max(resident + passes + wanted.bytes(gaussians));
     let uses = Uses { purpose: wanted.purpose(), responses: true, style };
     let relief = if own_pictures { Relief::SmallerPictures } else { Relief::None };

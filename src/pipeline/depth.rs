@@ -39,7 +39,7 @@ fn colours(means: &[[f32; 3]], camera: &Camera, near: f64) -> Vec<f32> {
 }
 
 /// A model of the same shapes with these colours of degree 0, a red, a green and a blue for each Gaussian.
-fn coloured(model: &Gaussians, colours: Vec<f32>) -> Gaussians {
+pub(crate) fn coloured(model: &Gaussians, colours: Vec<f32>) -> Gaussians {
     let Gaussians { means, log_scales, rotations, opacity_logits, .. } = model;
     let [means, log_scales] = [means, log_scales].map(Clone::clone);
     let sh = vec![colours];

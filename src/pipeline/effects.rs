@@ -30,13 +30,8 @@ pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>,
     Ok((decisions, gains.believed()))
 }
 
-/// Decides on the effects of a scene on disk, and returns everything that a run would leave out of it or say about it, damaged photos
-/// included.
-pub fn of_scene(scene: &Scene) -> Result<(Vec<Decision>, Skipped), Error> {
-    examine(scene).map(|(decisions, skipped, _)| (decisions, skipped))
-}
-
-/// The same as [`of_scene`], and what the photos tell about their names and poses.
+/// Decides on the effects of a scene on disk; also returns everything that a run would leave out of it or say about it, damaged photos
+/// included, and what the photos tell about their names and poses.
 pub fn examine(scene: &Scene) -> Result<(Vec<Decision>, Skipped, Agreement), Error> {
     let mut scene = scene.clone();
     // Without any photo the detectors still name what is missing.

@@ -173,7 +173,6 @@ fn add(
     session.watcher.step(Stage::Responses, number + 1, photos.len())
 }
 
-/// Scores, with the residual.
 const WANTED: Wanted = Wanted { scores: true, residual: true, channels: false };
 
 /// Floaters by a model's own pictures instead of photos ([`by_photos`]). The model agrees with them, so only the rules

@@ -189,7 +189,6 @@ fn all_hidden(photos: &[Photo]) -> io::Result<bool> {
     Ok(true)
 }
 
-/// The numbers of a camera in float32.
 fn numbers(camera: &Camera) -> Vec<f32> {
     let Camera { rotation, translation, focal, principal, .. } = camera;
     let pose = rotation.to_cols_array().into_iter().chain(translation.to_array());

@@ -145,7 +145,6 @@ pub fn tuned(session: &Session<'_>, config: &RunConfig, output: &Output, resume:
     }))
 }
 
-/// The checkpoint in `output`, if there is one.
 fn checkpoint(output: &Output, watcher: &dyn Watcher) -> Result<Option<Checkpoint>, Error> {
     let path = output.checkpoint();
     if !path.exists() {

@@ -5,6 +5,7 @@ use super::place::{doubt, place_in};
 use super::prepare::Prepared;
 use crate::gaussians::{Gaussians, formats};
 use crate::job::{Error, Init, RunConfig};
+use crate::sample::spread;
 use crate::scene::{FEWEST_POINTS, Scene, SceneKind};
 use crate::train::initialise::{self, Seed};
 use crate::wording::counted;
@@ -108,11 +109,5 @@ pub fn initialise(config: &RunConfig, prepared: &Prepared, start: &Start) -> Res
     };
     let model = initialise::from_points_in(&seeds, prepared.unit());
     let all: Vec<usize> = (0..model.len()).collect();
-    Ok(if all.len() > config.max_gaussians { model.select(&evenly(&all, config.max_gaussians)) } else { model })
-}
-
-/// At most `most` of a list, evenly over it, so that no region is left out.
-pub(crate) fn evenly(list: &[usize], most: usize) -> Vec<usize> {
-    let n = list.len();
-    if n <= most { list.to_vec() } else { (0..most).map(|k| list[k * n / most]).collect() }
+    Ok(if all.len() > config.max_gaussians { model.select(&spread(&all, config.max_gaussians)) } else { model })
 }

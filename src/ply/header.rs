@@ -26,6 +26,22 @@ pub(crate) enum Kind {
     F64,
 }
 
+/// An expression in which `$T` is the type of the values of a kind.
+macro_rules! by_kind {
+    ($kind:expr, $T:ident => $what:expr) => {
+        by_kind!($kind, $T => $what; I8 i8, U8 u8, I16 i16, U16 u16, I32 i32, U32 u32, F16 half::f16, F32 f32, F64 f64)
+    };
+    ($kind:expr, $T:ident => $what:expr; $($Kind:ident $type:ty),*) => {
+        match $kind {
+            $($crate::ply::Kind::$Kind => {
+                type $T = $type;
+                $what
+            })*
+        }
+    };
+}
+pub(super) use by_kind;
+
 impl Kind {
     fn parse(name: &str) -> Option<Self> {
         Some(match name {
@@ -44,12 +60,7 @@ impl Kind {
 
     /// Bytes of one value.
     pub(crate) fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 | Self::F16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::F64 => 8,
-        }
+        by_kind!(self, T => size_of::<T>())
     }
 
     /// True if values have no fraction.

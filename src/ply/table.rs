@@ -1,9 +1,8 @@
 //! An element's rows as a table of fixed stride, for any encoding of the file.
 
-use half::f16;
 use std::borrow::Cow;
 
-use super::header::{Element, Encoding, Header, Kind, Property};
+use super::header::{Element, Encoding, Header, Kind, Property, by_kind};
 use super::{Fault, malformed};
 
 /// Position of a property in a row.
@@ -15,20 +14,16 @@ pub(crate) struct Slot {
 }
 
 impl Slot {
+    /// A number of this type at the beginning of little-endian bytes.
+    pub(crate) fn first(kind: Kind) -> Self {
+        Self { offset: 0, kind, big: false }
+    }
+
     /// The value.
     #[inline]
+    #[allow(clippy::useless_conversion)] // of doubles alone
     pub(crate) fn value(self, row: &[u8]) -> f64 {
-        match self.kind {
-            Kind::F32 => f64::from(f32::from_le_bytes(self.bytes(row))),
-            Kind::F16 => f64::from(f16::from_le_bytes(self.bytes(row))),
-            Kind::F64 => f64::from_le_bytes(self.bytes(row)),
-            Kind::I8 => f64::from(i8::from_le_bytes(self.bytes(row))),
-            Kind::U8 => f64::from(u8::from_le_bytes(self.bytes(row))),
-            Kind::I16 => f64::from(i16::from_le_bytes(self.bytes(row))),
-            Kind::U16 => f64::from(u16::from_le_bytes(self.bytes(row))),
-            Kind::I32 => f64::from(i32::from_le_bytes(self.bytes(row))),
-            Kind::U32 => f64::from(u32::from_le_bytes(self.bytes(row))),
-        }
+        by_kind!(self.kind, T => f64::from(T::from_le_bytes(self.bytes(row))))
     }
 
     /// The value as f32 (doubles and 32-bit integers are rounded).
@@ -283,29 +278,10 @@ fn text_row(element: &Element, line: &[u8], rows: &mut Vec<u8>) -> Result<(), St
 
 fn push_value(property: &Property, word: &str, rows: &mut Vec<u8>) -> Result<(), String> {
     let bad = || format!("`{}` is not a value of property `{}`", word.escape_default(), property.name);
-    match property.kind {
-        Kind::F32 => rows.extend(word.parse::<f32>().map_err(|_| bad())?.to_le_bytes()),
-        Kind::F16 => {
-            let value = f16::from_f32(word.parse::<f32>().map_err(|_| bad())?);
-            rows.extend(value.to_le_bytes());
-        }
-        Kind::F64 => rows.extend(word.parse::<f64>().map_err(|_| bad())?.to_le_bytes()),
-        kind => {
-            let value: i64 = word.parse().map_err(|_| bad())?;
-            let range = match kind {
-                Kind::I8 => i64::from(i8::MIN)..=i64::from(i8::MAX),
-                Kind::U8 => 0..=i64::from(u8::MAX),
-                Kind::I16 => i64::from(i16::MIN)..=i64::from(i16::MAX),
-                Kind::U16 => 0..=i64::from(u16::MAX),
-                Kind::I32 => i64::from(i32::MIN)..=i64::from(i32::MAX),
-                _ => 0..=i64::from(u32::MAX),
-            };
-            if !range.contains(&value) {
-                return Err(bad());
-            }
-            rows.extend_from_slice(&value.to_le_bytes()[..kind.size()]);
-        }
-    }
+    // Zero may have a sign where the type has none.
+    let zero = word.strip_prefix('-').is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|b| b == b'0'));
+    let word = if zero && property.kind.is_integer() { "0" } else { word };
+    by_kind!(property.kind, T => rows.extend(word.parse::<T>().map_err(|_| bad())?.to_le_bytes()));
     Ok(())
 }
 

@@ -68,10 +68,6 @@ impl Drop for Guard {
 
 /// Runs a program to its end, without input. All its lines go to the end of the file `log`, and each piece of its output
 /// to `each`.
-///
-/// # Errors
-/// [`Error::NoProgram`]; [`Error::Program`] if it fails; [`Error::Interrupted`], when it is ended; a log that cannot be
-/// written.
 pub(super) fn run(
     (program, arguments): (&'static str, &[String]),
     output: Output,

@@ -48,9 +48,6 @@ pub(super) struct Folder {
 
 impl Folder {
     /// Reads the folder without changes.
-    ///
-    /// # Errors
-    /// [`Error::NotOurs`] if something else is in it; a record that cannot be read.
     pub fn open(root: &Path, key: Key, options: &Options) -> Result<Self, Error> {
         let (backend, matching) = (options.backend, options.matching);
         let fresh = Record { made_by: MADE_BY.to_owned(), key, backend, matching, ..Record::default() };

@@ -37,9 +37,6 @@ pub(super) fn hint(folder: &Folder) -> Option<&'static str> {
 }
 
 /// Puts the faces of the panoramas of these names, `front/a.jpg` and so on, in their places, masks likewise; returns the faces' names.
-///
-/// # Errors
-/// A photo that is no panorama or cannot be read; [`Error::Write`]; [`Error::Interrupted`].
 pub(super) fn cut(folder: &Folder, names: &[String], watcher: &dyn Watcher) -> Result<Vec<String>, Error> {
     let mut made = Vec::with_capacity(CUBE.len() * names.len());
     for name in names {
@@ -99,9 +96,6 @@ fn write(file: &Path, mask: &Path, photo: &Photo) -> Result<(), Error> {
 }
 
 /// The rig whose cameras took the faces.
-///
-/// # Errors
-/// [`Error::Usage`] for faces of several sizes.
 pub(super) fn rig(folder: &Folder) -> Result<Rig, Error> {
     let sizes = Vec::from_iter(sizes(folder).collect::<BTreeSet<_>>());
     let &[(side, _)] = sizes.as_slice() else {

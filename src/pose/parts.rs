@@ -14,9 +14,6 @@ const FOCAL: (f64, f64) = (0.4, 3.0);
 const REPROJECTION: f64 = 1.5;
 
 /// Takes the part with most photos as the scene's poses.
-///
-/// # Errors
-/// [`Error::FewPoses`]; a part that cannot be read, if there is no other; [`Error::Write`].
 pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
     let (photos, sequential) = (folder.photos().len(), folder.has_matches(Matching::Sequential));
     let mut found = Vec::new();

@@ -22,9 +22,6 @@ const LONGEST: usize = 8000;
 const RATE: f64 = 30.0;
 
 /// Refuses a file that holds no video, before anything is written for it.
-///
-/// # Errors
-/// [`Error::NoProgram`]; [`scene::Error::Instead`] for such a file; [`Error::Interrupted`].
 pub(super) fn check(video: &Path, watcher: &dyn Watcher) -> Result<(), Error> {
     let missing: Vec<&str> = [FFMPEG, FFPROBE].into_iter().filter(|program| !on_path(program)).collect();
     if !missing.is_empty() {
@@ -51,9 +48,6 @@ fn url(video: &Path) -> String {
 
 /// Chooses sharp frames of a video, at most `most` of them, and writes them into the folder of images; returns their
 /// names, which hold the number of the frame in the video.
-///
-/// # Errors
-/// [`Error::NoProgram`]; [`Error::Program`]; [`Error::Write`]; [`Error::Interrupted`].
 pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn Watcher) -> Result<Vec<String>, Error> {
     let log = folder.log();
     let file = url(video);

@@ -85,30 +85,17 @@ impl BlockMatrices<'_> {
     }
 }
 
-/// Writes a packed lower triangle into the lower triangle of an m x m matrix, column by column (LAPACK's "L"). The
-/// upper triangle stays unchanged: a Cholesky factorisation does not read it.
-///
-/// # Panics
-/// If a slice is too short.
-pub fn unpack_lower<T: From<f32>>(m: usize, packed: &[f32], out: &mut [T]) {
-    let mut at = 0;
-    for c in 0..m {
-        let column = &packed[at..at + m - c];
-        out[c * m + c..(c + 1) * m].iter_mut().zip(column).for_each(|(o, v)| *o = T::from(*v));
-        at += m - c;
-    }
-}
-
 /// A whole symmetric m x m matrix from its packed lower triangle.
 ///
 /// # Panics
 /// If the triangle is too short.
 pub fn symmetric<T: From<f32> + Copy + Default>(m: usize, packed: &[f32]) -> Vec<T> {
-    let mut matrix = vec![T::default(); m * m];
-    unpack_lower(m, packed, &mut matrix);
+    let (mut matrix, mut at) = (vec![T::default(); m * m], 0);
     for c in 0..m {
-        for r in c + 1..m {
-            matrix[r * m + c] = matrix[c * m + r];
+        for r in c..m {
+            let value = T::from(packed[at]);
+            (matrix[c * m + r], matrix[r * m + c]) = (value, value);
+            at += 1;
         }
     }
     matrix
@@ -202,11 +189,6 @@ impl<'a> Assembly<'a> {
     /// The batches, in order.
     pub fn batches(&self) -> &[Batch] {
         &self.batches
-    }
-
-    /// Bytes of matrices read back, all batches together.
-    pub fn read_back(&self) -> u64 {
-        self.batches.iter().flat_map(|b| self.counts(b)).map(|floats| 4 * floats as u64).sum()
     }
 
     /// Host memory for the matrices of one batch.

@@ -4,10 +4,8 @@
 //! A voxel index is floor(x / v) in float64, clamped to int32. Indices are packed with the Gaussian's own into one
 //! 128-bit key: x, y, z, Gaussian; sorted, blocks are runs and their members ascend.
 
-use std::collections::HashSet;
-use std::hash::{BuildHasherDefault, Hasher};
-
 use rayon::prelude::*;
+use rustc_hash::FxHashSet;
 use serde::{Deserialize, Serialize};
 
 use crate::random::mix;
@@ -284,7 +282,7 @@ fn first_guess(positions: &[[f32; 3]], mean: f64) -> f64 {
 
 /// Number of occupied voxels.
 fn occupied(positions: &[[f32; 3]], voxel: f64) -> usize {
-    type Seen = HashSet<u64, BuildHasherDefault<Mixed>>;
+    type Seen = FxHashSet<u64>;
     let union = |mut a: Seen, mut b: Seen| {
         if a.len() < b.len() {
             std::mem::swap(&mut a, &mut b);
@@ -298,22 +296,4 @@ fn occupied(positions: &[[f32; 3]], voxel: f64) -> usize {
         seen
     };
     positions.par_iter().with_min_len(PARALLEL).fold(Seen::default, seen).reduce(Seen::default, union).len()
-}
-
-/// A hasher for words that are already mixed.
-#[derive(Default)]
-struct Mixed(u64);
-
-impl Hasher for Mixed {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-    fn write(&mut self, bytes: &[u8]) {
-        for &b in bytes {
-            self.0 = mix(self.0 ^ u64::from(b));
-        }
-    }
-    fn write_u64(&mut self, word: u64) {
-        self.0 = word;
-    }
 }

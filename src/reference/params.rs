@@ -14,15 +14,8 @@ impl Gaussians<f64> {
 
     /// The attributes by name, each as one flat array, for tests and optimisers.
     pub fn groups_mut(&mut self) -> Vec<(&'static str, &mut [f64])> {
-        let (bands, mut sh) = (self.sh.len(), self.sh.iter_mut());
-        let all = Attributes {
-            means: self.means.as_flattened_mut(),
-            log_scales: self.log_scales.as_flattened_mut(),
-            rotations: self.rotations.as_flattened_mut(),
-            opacity_logits: &mut self.opacity_logits,
-            sh: std::array::from_fn(|_| sh.next().map_or(&mut [][..], Vec::as_mut_slice)),
-        };
-        Attributes::NAMES.zip(all).up_to(bands.max(1) - 1).collect()
+        let bands = self.sh.len();
+        Attributes::NAMES.zip(self.attributes_mut()).up_to(bands.max(1) - 1).collect()
     }
 
     /// Adds `other`, of the same shape, element by element (gradients of several views).

@@ -24,7 +24,7 @@ pub use frame::{Purpose, Uses};
 pub use frustum::visible;
 pub use imbalance::{Distribution, Imbalance};
 pub use parts::{Beside, Outcome, Painter, Part, Parts, Source, binds, capacity, largest};
-pub use renderer::{Image, LEAST_PAIRS, Released, Renderer, STAGES, Settled};
+pub use renderer::{Image, LEAST_PAIRS, Released, Renderer, STAGES};
 pub use settings::{Culling, Settings, Style, view};
 pub use slot_sums::SlotSums;
 pub use slots::{GradientRows, Slots};

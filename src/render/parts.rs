@@ -4,7 +4,7 @@
 
 use super::frame::Uses;
 use super::frustum;
-use super::renderer::{Image, Renderer, Settled};
+use super::renderer::{Image, Renderer};
 use super::settings::Settings;
 use crate::gaussians::resident::Resident;
 use crate::gaussians::{Attributes, Gaussians};
@@ -206,10 +206,10 @@ impl<'a> Parts<'a> {
             }
             loop {
                 let (_, pairs) = renderer.draw_counted(part.model, &part.camera)?;
-                match renderer.settle(pairs)? {
-                    Settled::Drawn => break,
-                    Settled::Grown => {}
-                    Settled::TooMany(error) => return Ok(Outcome::TooMany(error)),
+                match Outcome::of(renderer.make_room_for_pairs(pairs))? {
+                    Ok(false) => break,
+                    Ok(true) => {}
+                    Err(too_many) => return Ok(too_many),
                 }
             }
             let drawn = renderer.read_image(&part.camera)?;

@@ -4,7 +4,7 @@ use super::frame::{Frame, Launch, PairBuffers, Purpose, Uses};
 use super::settings::{Settings, view};
 use super::{bin, project, rasterise};
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Device, Error, Recording, Result, Timings};
+use crate::gpu::{Buffer, Device, Recording, Result, Timings};
 use crate::scene::camera::Camera;
 
 /// The stages of a frame, in order: scope names of its timings.
@@ -22,17 +22,6 @@ pub struct Image {
     pub height: u32,
     /// Red, green, blue (background blended in) and alpha, row by row.
     pub pixels: Vec<[f32; 4]>,
-}
-
-/// Outcome of rendering with an unknown pair count.
-#[derive(Debug)]
-pub enum Settled {
-    /// The pairs fitted, and the picture was drawn.
-    Drawn,
-    /// The pairs did not fit, and the buffers have grown: the picture must be drawn again.
-    Grown,
-    /// The device cannot hold the pairs, for this reason.
-    TooMany(Error),
 }
 
 /// The capacities of a renderer before [`Renderer::release`].
@@ -158,15 +147,6 @@ impl Renderer {
     pub(super) fn read_image(&self, camera: &Camera) -> Result<Image> {
         let pixels = self.frame.image.read_first(&self.device, (camera.width * camera.height) as usize)?;
         Ok(Image { width: camera.width, height: camera.height, pixels })
-    }
-
-    /// Checks whether a picture's `pairs` fitted, and grows the pair buffers if possible.
-    pub fn settle(&mut self, pairs: u32) -> Result<Settled> {
-        match self.make_room_for_pairs(pairs) {
-            Ok(grown) => Ok(if grown { Settled::Grown } else { Settled::Drawn }),
-            Err(error) if error.is_resources() => Ok(Settled::TooMany(error)),
-            Err(error) => Err(error),
-        }
     }
 
     /// Draws into device memory without reading anything back; benchmarks time this.

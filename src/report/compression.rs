@@ -97,7 +97,7 @@ pub fn parts(record: &CompressRecord) -> Vec<(&'static str, f64)> {
 fn time(record: &CompressRecord) -> Markup {
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };
     let all: Vec<Bar> = parts(record).into_iter().map(bar).collect();
-    side_by_side(&[bars(&format!("The whole compression: {}", seconds(record.time.total_s)), &all)])
+    side_by_side(&[bars(&format!("The whole compression: {}", seconds(record.time.total_s)), &all).figure()])
 }
 
 /// The target, the choice and the files tried.

@@ -10,10 +10,10 @@ use maud::Markup;
 
 /// The whole page.
 pub fn page(record: &CurveRecord) -> String {
-    let mut sections = vec![
-        Section::new("plot", "PSNR against bytes", drawing(record, "PSNR of the held-out views").figure()),
-        Section::new("files", "Files", files(record)),
-    ];
+    let name = |file: &FileRecord| format!("{}, {}", file.tool, file.format);
+    let plot = drawing(&record.files, &name, "PSNR of the held-out views").figure();
+    let mut sections =
+        vec![Section::new("plot", "PSNR against bytes", plot), Section::new("files", "Files", files(record))];
     if record.files.iter().any(|file| !file.parts.is_empty()) {
         sections.push(Section::new("parts", "Where the bytes are", parts(record)));
     }
@@ -32,16 +32,13 @@ pub fn page(record: &CurveRecord) -> String {
     page::page("Quality against bytes", &subtitle, &sections)
 }
 
-/// The plot: one line for each tool and format.
-pub fn drawing(record: &CurveRecord, title: &str) -> Drawing {
-    let name = |file: &FileRecord| format!("{}, {}", file.tool, file.format);
-    let mut names: Vec<String> = record.files.iter().map(name).collect();
-    names.dedup();
+/// The plot: one line for all files of the same name.
+pub fn drawing(files: &[FileRecord], name: &dyn Fn(&FileRecord) -> String, title: &str) -> Drawing {
+    let mut names: Vec<String> = files.iter().map(name).collect();
     names.sort();
     names.dedup();
     let points = |line: &String| {
-        let mut points: Vec<[f64; 2]> = record
-            .files
+        let mut points: Vec<[f64; 2]> = files
             .iter()
             .filter(|file| name(file) == *line)
             .filter_map(|file| Some([file.bytes as f64 / 1e6, psnr(&file.scores)?]))

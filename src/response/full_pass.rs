@@ -6,7 +6,7 @@ use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Buffer, Device, Error, Recording, Result};
 use crate::render::{
-    Backward, Beside, LEAST_PAIRS, Outcome, Parts, Purpose, Settings, Settled, Source, TrainingRenderer, capacity,
+    Backward, Beside, LEAST_PAIRS, Outcome, Parts, Purpose, Settings, Source, TrainingRenderer, capacity,
 };
 use crate::scene::camera::{self, Camera};
 
@@ -103,19 +103,6 @@ impl Gathered {
         })
     }
 
-    /// Sets everything to zero.
-    fn clear(&self, device: &Device) -> Result<()> {
-        let mut recording = Recording::new();
-        if let Some(responses) = &self.responses {
-            responses.clear(&mut recording);
-        }
-        if let Some(scores) = &self.scores {
-            scores.clear(&mut recording);
-        }
-        device.run(recording)?;
-        Ok(())
-    }
-
     fn read(&self, device: &Device, gather: Gather) -> Result<Rows> {
         let channels = self.responses.as_ref().map(|r| r.read(device, gather)).transpose()?.unwrap_or_default();
         let scores = self.scores.as_ref().map(|s| s.values.read(device)).transpose()?.unwrap_or_default();
@@ -166,10 +153,10 @@ impl<G> Pass<'_, G> {
             }
             let (_, pairs) = renderer.run(recording)?;
             // A view whose pairs did not fit has changed nothing.
-            match renderer.settle(pairs)? {
-                Settled::Drawn => return Ok(Outcome::Done),
-                Settled::Grown => {}
-                Settled::TooMany(error) => return Ok(Outcome::TooMany(error)),
+            match Outcome::of(renderer.make_room_for_pairs(pairs))? {
+                Ok(false) => return Ok(Outcome::Done),
+                Ok(true) => {}
+                Err(too_many) => return Ok(too_many),
             }
         }
     }
@@ -190,9 +177,8 @@ impl<G> Pass<'_, G> {
         let mut sums = Sums::zeros(model.len(), self.wanted);
         match model {
             Source::Device(model) => {
-                let gathered = Gathered::zeros(device, model.len, self.wanted)?;
                 for chunk in views.chunks(CHUNK) {
-                    gathered.clear(device)?;
+                    let gathered = Gathered::zeros(device, model.len, self.wanted)?;
                     for &(v, camera) in chunk {
                         follow(v)?;
                         if let Outcome::TooMany(error) = self.view(renderer, &gathered, model, v, camera)? {

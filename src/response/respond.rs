@@ -52,12 +52,6 @@ impl ResidentResponses {
         Ok(Self { values: device.upload(name, values.as_flattened())?, seen: device.zeros(seen, values.len())? })
     }
 
-    /// Records the reset of all of them to zero.
-    pub fn clear(&self, recording: &mut Recording) {
-        recording.fill(&self.values, 0);
-        recording.fill(&self.seen, 0);
-    }
-
     /// Records the responses of a view, after its [`TrainingRenderer::record_backward`] with
     /// [`residual`](crate::render::Backward::residual).
     ///

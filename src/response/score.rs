@@ -67,11 +67,6 @@ impl ResidentScores {
         Ok(Self { values: device.upload("scores", scores)?, subgroup: device.info().subgroup_size })
     }
 
-    /// Records the reset of all of them to zero.
-    pub fn clear(&self, recording: &mut Recording) {
-        recording.fill(&self.values, 0);
-    }
-
     /// Records the scores of the picture recorded before, with or without a backward pass; overwrites the slots' sums
     /// of the backward pass. `residual` is the picture minus its photo, if there is one.
     pub fn record(

@@ -67,7 +67,8 @@ pub(super) const NOTHING: f64 = 0.9999;
 /// Decodes the photos of many views in parallel.
 ///
 /// The fourth byte has the same meaning in all photos: alpha if more than [`ALPHA_SHARE`] of all pixels is transparent;
-/// otherwise a mask if any view has one. A mask that cannot be used hides nothing.
+/// otherwise a mask if any view has one. Where faces of a photo hide parts of themselves, it is a mask unless alpha is requested, and
+/// hides what is transparent in such a photo: what a lens or a stitcher does not show. A mask that cannot be used hides nothing.
 ///
 /// `progress` is called after each photo with the number done so far, from any thread, but never by two at
 /// once, so that the numbers rise.
@@ -80,7 +81,7 @@ pub fn load_photos(
     let store = Store::new(&cameras, options.memory)?;
     let has_masks = options.masks && views.iter().any(|view| view.is_masked());
     let announced = announced(views, options);
-    let masked = has_masks && !announced;
+    let masked = has_masks && (!announced || masks_by_alpha(views, options));
     let done = Mutex::new(0);
     // A damaged photo fails alone; a full disk ends everything.
     let load_one = |at: usize, source: Result<&mut Source, Error>| {
@@ -91,8 +92,9 @@ pub fn load_photos(
         Ok(match decoded {
             Ok(decoded) => {
                 let transparent = decoded.transparent;
-                let hidden = masked && whole && decoded.mask.hides_all();
-                let no_mask = if masked { decoded.mask.fault() } else { None };
+                let hides_all = |mask: &[u8]| mask.iter().all(|byte| *byte == 0);
+                let hidden = masked && whole && decoded.mask.as_deref().is_some_and(hides_all);
+                let no_mask = decoded.no_mask.clone().filter(|_| masked);
                 let (alpha_role, pixels) = decoded.settle(announced, masked);
                 let camera = cameras[at].clone();
                 let photo = Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None });
@@ -124,7 +126,8 @@ pub fn load_photos(
         .collect::<Result<_, Error>>()?;
     let pixels: f64 = loaded.iter().map(Loaded::pixels).sum();
     let share = loaded.iter().map(|one| one.transparent).sum::<f64>() / pixels.max(1.0);
-    if options.alpha.is_none() && announced && (share > NOTHING || share < ALPHA_SHARE && (share > 0.0 || has_masks)) {
+    let counts = announced && !masked;
+    if options.alpha.is_none() && counts && (share > NOTHING || share < ALPHA_SHARE && (share > 0.0 || has_masks)) {
         drop((loaded, store));
         let mut again = load_photos(views, &LoadOptions { alpha: Some(false), ..*options }, progress)?;
         again.notes.extend(without_alpha(share));
@@ -139,8 +142,9 @@ pub fn load_photos(
     let mut photos: Vec<_> = loaded.into_iter().map(|one| one.photo).collect();
     let alpha_role = AlphaRole::of(photos.iter().flatten());
     photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
-    let share = Some(share).filter(|_| alpha_role == AlphaRole::Alpha && options.alpha.is_none());
-    let mut notes = notes(announced && has_masks, hidden, even, share, blank);
+    let counts = alpha_role == AlphaRole::Alpha || announced && masked && share > 0.0;
+    let share = Some((share, masked)).filter(|_| counts && options.alpha.is_none());
+    let mut notes = notes(has_masks && !masked, hidden, even, share, blank);
     notes.extend(no_mask);
     Ok(LoadedPhotos { photos, notes, without_mask })
 }
@@ -157,12 +161,17 @@ fn announced(views: &[&View], options: &LoadOptions<'_>) -> bool {
     options.alpha != Some(false) && views.par_iter().any(|view| view.announces_alpha())
 }
 
+/// True if transparent pixels are masked, as faces of a photo hide parts of themselves.
+fn masks_by_alpha(views: &[&View], options: &LoadOptions<'_>) -> bool {
+    options.masks && options.alpha != Some(true) && views.iter().any(|view| view.hides_itself())
+}
+
 /// Meaning of the fourth byte of many views' photos together, as [`load_photos`] decides; decodes them only if one has an alpha channel.
 ///
 /// # Errors
 /// [`Error::Store`] where the temporary file cannot be written.
 pub fn alpha_role(views: &[&View], options: &LoadOptions<'_>) -> Result<AlphaRole, Error> {
-    if !announced(views, options) {
+    if masks_by_alpha(views, options) || !announced(views, options) {
         let masked = options.masks && views.iter().any(|view| view.is_masked());
         return Ok(if masked { AlphaRole::Mask } else { AlphaRole::Opaque });
     }
@@ -202,47 +211,35 @@ impl<'a> Store<'a> {
     }
 }
 
-/// The mask of a view.
-enum Mask {
-    /// It has none.
-    None,
-    /// It has one that cannot be used, for this reason.
-    Damaged(String),
-    /// Width x height bytes, 255 where the pixel counts, 0 where not, between where mixed.
-    Of(Vec<u8>),
-}
-
-impl Mask {
-    fn hides_all(&self) -> bool {
-        matches!(self, Self::Of(mask) if mask.iter().all(|byte| *byte == 0))
-    }
-
-    fn fault(&self) -> Option<String> {
-        if let Self::Damaged(fault) = self { Some(fault.clone()) } else { None }
-    }
-}
-
 /// Decoded photo and mask of one view, at the working size.
 struct Decoded {
     /// Width x height x RGBA, 8 bits each.
     pixels: Vec<u8>,
     /// Sum of the pixels' transparencies, each from 0 (opaque) to 1.
     transparent: f64,
-    mask: Mask,
+    /// Width x height bytes, 255 where the pixel counts, 0 where not, between where mixed; none without a mask.
+    mask: Option<Vec<u8>>,
+    /// The fault of a file of a mask that cannot be used.
+    no_mask: Option<String>,
+    /// True if alpha is a part of the mask.
+    by_alpha: bool,
 }
 
 impl Decoded {
     /// The pixels and the meaning of their fourth byte: the mask if `masked` (255 throughout without one); otherwise
     /// alpha if `alpha` is set and some pixel is not opaque; otherwise 255.
     fn settle(self, alpha: bool, masked: bool) -> (AlphaRole, Vec<u8>) {
-        let Self { mut pixels, transparent, mask } = self;
+        let Self { mut pixels, transparent, mask, by_alpha, .. } = self;
         let has_alpha = transparent > 0.0;
         let fourth = |pixels: &mut [u8], byte: &dyn Fn(usize) -> u8| {
             pixels.iter_mut().skip(3).step_by(4).enumerate().for_each(|(i, fourth)| *fourth = byte(i));
         };
         if masked {
-            let byte = |i: usize| if let Mask::Of(mask) = &mask { mask.get(i).copied() } else { None };
-            fourth(&mut pixels, &|i| byte(i).unwrap_or(255));
+            let mask = mask.unwrap_or_default();
+            for (i, pixel) in pixels.as_chunks_mut::<4>().0.iter_mut().enumerate() {
+                let byte = mask.get(i).copied().unwrap_or(255);
+                pixel[3] = if by_alpha { byte.min(pixel[3]) } else { byte };
+            }
             return (AlphaRole::Mask, pixels);
         }
         if has_alpha && !alpha {
@@ -285,8 +282,9 @@ impl View {
         let transparent = decoded.color().has_alpha();
         let mut pixels = to_bytes(decoded).into_raw();
         let first = pixels.get(3).copied().unwrap_or(255);
-        // One alpha throughout says nothing of what is transparent, unless that is all of the photo.
-        let even = transparent && (1..255).contains(&first) && pixels.iter().skip(3).step_by(4).all(|a| *a == first);
+        // One alpha throughout says nothing of what is transparent, unless that is all of the photo, which no mask should hide.
+        let says_nothing = (1..255).contains(&first) || first == 0 && self.hides_itself();
+        let even = transparent && says_nothing && pixels.iter().skip(3).step_by(4).all(|a| *a == first);
         if even {
             pixels.iter_mut().skip(3).step_by(4).for_each(|a| *a = 255);
         }
@@ -336,7 +334,7 @@ impl View {
 
     /// The mask of what its face hides, if that is anything, upon another.
     fn hide(&self, mask: Option<Vec<u8>>, resize: Resize) -> Option<Vec<u8>> {
-        let Some(face) = self.face.as_ref().filter(|face| face.masked) else { return mask };
+        let Some(face) = self.face.as_ref().filter(|_| self.hides_itself()) else { return mask };
         let camera = self.camera_at(resize);
         let mut mask = mask.unwrap_or_else(|| vec![255; camera.pixels() as usize]);
         for (n, byte) in mask.iter_mut().enumerate() {
@@ -372,20 +370,15 @@ impl Source {
         };
         let missing = |pixels: &[u8]| pixels.iter().skip(3).step_by(4).map(|&a| f64::from(255 - a) / 255.0).sum();
         let transparent = if self.alpha { missing(&pixels) } else { 0.0 };
-        let listed = match &mut self.mask {
-            None => None,
-            Some(Ok(mask)) => Some(view.resample(mask, resize, false).pixels),
-            Some(Err(error)) => {
-                // Masks are decoded as photos are, whose errors name a photo.
-                let fault = match error {
-                    Error::Photo { path, what } | Error::Unread { path, what } => {
-                        format!("mask {} {what}", path.display())
-                    }
-                    other => other.to_string(),
-                };
-                return Decoded { pixels, transparent, mask: Mask::Damaged(fault) };
+        let (listed, no_mask) = match &mut self.mask {
+            None => (None, None),
+            Some(Ok(mask)) => (Some(view.resample(mask, resize, false).pixels), None),
+            // Masks are decoded as photos are, whose errors name a photo.
+            Some(Err(Error::Photo { path, what } | Error::Unread { path, what })) => {
+                (None, Some(format!("mask {} {what}", path.display())))
             }
+            Some(Err(other)) => (None, Some(other.to_string())),
         };
-        Decoded { pixels, transparent, mask: view.hide(listed, resize).map_or(Mask::None, Mask::Of) }
+        Decoded { pixels, transparent, mask: view.hide(listed, resize), no_mask, by_alpha: view.hides_itself() }
     }
 }

@@ -34,7 +34,7 @@ pub struct Face {
     pub pole: f64,
     /// Maximum angle in radians from the lens's axis that the photo shows.
     pub reach: f64,
-    /// True if a part of the face is hidden.
+    /// True if a face of the photo hides a part of itself.
     pub masked: bool,
 }
 
@@ -46,6 +46,7 @@ pub(super) struct Cut {
     pub focal: f64,
     pub principal: DVec2,
     pub reach: f64,
+    /// True if a face of the lens hides a part of itself.
     pub masked: bool,
 }
 
@@ -75,7 +76,12 @@ pub(super) fn of(lens: &Lens) -> Vec<Cut> {
         let enough = f64::from(seen) >= LEAST * f64::from(LOOKS * LOOKS);
         enough.then_some(Cut { name, turn, size, focal: 0.5 * side, principal, reach, masked: !whole })
     };
-    CUBE.into_iter().filter_map(face).collect()
+    let mut cuts: Vec<Cut> = CUBE.into_iter().filter_map(face).collect();
+    let masked = cuts.iter().any(|cut| cut.masked);
+    for cut in &mut cuts {
+        cut.masked = masked;
+    }
+    cuts
 }
 
 /// The rotation from the axes of a photo to a face's.

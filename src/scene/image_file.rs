@@ -93,9 +93,6 @@ fn too_bright(decoded: &DynamicImage) -> bool {
 }
 
 /// A photo in 8 bits a channel, as it is trained on, if it has more; not every program reads those.
-///
-/// # Errors
-/// The errors of [`decode`].
 #[cfg(feature = "pose")]
 pub(crate) fn in_eight_bits(path: &Path) -> Result<Option<DynamicImage>, Error> {
     let is_deep = |kind: &ColorType| kind.bytes_per_pixel() > kind.channel_count();

@@ -34,30 +34,47 @@ impl Loaded {
     }
 }
 
+/// A share in per cent with so many decimals, as far as it is not less than one unit of the last.
+fn percent(share: f64, decimals: usize) -> String {
+    let least = 0.1_f64.powi(decimals as i32);
+    if 100.0 * share < least {
+        format!("less than {least:.decimals$}")
+    } else {
+        format!("{:.decimals$}", 100.0 * share)
+    }
+}
+
 /// A note on alpha that does not count, if this share of the pixels is transparent.
 pub(super) fn without_alpha(share: f64) -> Option<String> {
     if share > NOTHING {
         return Some("all of the photos' pixels are transparent: taken as opaque".to_owned());
     }
-    let percent = 100.0 * share;
-    let told = if percent < 0.01 { "less than 0.01".to_owned() } else { format!("{percent:.2}") };
-    let most = 100.0 * ALPHA_SHARE;
+    let (told, most) = (percent(share, 2), 100.0 * ALPHA_SHARE);
     let note = format!("{told} % of the photos' pixels are transparent, under {most} %: taken as opaque, on black");
     (share > 0.0).then_some(note)
 }
 
-/// What users should know of alpha and masks: that `masks` are not used, the numbers of photos that are `hidden` as a whole, have the
-/// same alpha everywhere (`even`) or are `blank`, and the share of transparent pixels if alpha counts without having been requested.
-pub(super) fn notes(masks: bool, hidden: usize, even: usize, transparent: Option<f64>, blank: usize) -> Vec<String> {
+/// What users should know of alpha and masks: that masks are `unused`, the numbers of photos that are `hidden` as a whole, have the
+/// same alpha everywhere (`even`) or are `blank`, and, if alpha counts without having been requested, the share of transparent pixels,
+/// with true if these are masked.
+pub(super) fn notes(
+    unused: bool,
+    hidden: usize,
+    even: usize,
+    transparent: Option<(f64, bool)>,
+    blank: usize,
+) -> Vec<String> {
     let photos = |count: usize, what: &str| (count > 0).then(|| format!("{} {what}", counted(count, "photo")));
-    let counts = transparent.map(|share| {
-        let share = 100.0 * share;
-        format!(
-            "{share:.1} % of the photos' pixels are transparent: alpha counts, on white unless another background is given"
-        )
+    let counts = transparent.map(|(share, masked)| {
+        let used = if masked {
+            "masked in faces of panoramas and wide fisheyes, as are the parts that these hide"
+        } else {
+            "alpha counts, on white unless another background is given"
+        };
+        format!("{} % of the photos' pixels are transparent: {used}", percent(share, if masked { 2 } else { 1 }))
     });
     let blank = counts.as_ref().and_then(|_| photos(blank, "transparent everywhere"));
-    masks
+    unused
         .then(|| "the photos have alpha, which counts: their masks are not used".to_owned())
         .into_iter()
         .chain(photos(hidden, "hidden as a whole by their masks: what is black in a mask does not count"))

@@ -102,7 +102,7 @@ pub struct OpenOptions {
     /// True to undistort all photos, false to undistort none; if not given, those whose lens moves some pixel by more
     /// than [`lens::VISIBLE_DISPLACEMENT`].
     pub undistort: Option<bool>,
-    /// Angle in degrees: panoramas are masked within it of straight down.
+    /// Angle in degrees: panoramas and wide fisheyes are masked within it of straight down.
     pub pole_mask: f64,
     /// Folder of depth maps with the photos' names; the data set's own if none is given.
     pub depth: Option<PathBuf>,

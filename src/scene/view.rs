@@ -173,9 +173,14 @@ impl View {
         self.face.as_ref().map_or(&self.name, |face| &face.photo)
     }
 
-    /// True if a part of the view is not trained on: by a mask, at a panorama's pole, or beyond a fisheye's rim.
+    /// True if a part of the view may not be trained on: by a mask, or because the faces of its photo hide parts of themselves.
     pub fn is_masked(&self) -> bool {
-        self.mask.is_some() || self.face.as_ref().is_some_and(|face| face.masked)
+        self.mask.is_some() || self.hides_itself()
+    }
+
+    /// True if it is a face of a photo whose faces hide parts of themselves: around straight down, or beyond a fisheye's rim.
+    pub fn hides_itself(&self) -> bool {
+        self.face.as_ref().is_some_and(|face| face.masked)
     }
 
     /// True if the photo is resampled to one ideal pinhole rather than used as it is or cut into faces.

@@ -51,16 +51,19 @@ impl Case {
             std::array::from_fn(|c| f64::from(p[c]) / 255.0 * opacity + f64::from(self.background[c]) * (1.0 - opacity))
         };
         let y: Vec<[f64; 3]> = self.photo.iter().map(over).collect();
-        let [absolute, similar] = [0.0, 1.0].map(|ssim| reference::loss::loss(&x, &y, self.size[0] as usize, ssim));
+        let similar = reference::loss::loss(&x, &y, self.size[0] as usize, 1.0);
         let [l1, ssim, l2] = [self.weights.l1, self.weights.ssim, self.weights.l2].map(f64::from);
         let share = 1.0 / (3 * x.len()) as f64;
         let pairs = x.as_flattened().iter().zip(y.as_flattened());
         let squares: f64 = pairs.map(|(x, y)| (x - y).powi(2) * share).sum();
         let slope = |p: usize, c: usize| {
-            l1 * absolute.gradient[p][c] + ssim * similar.gradient[p][c] + 2.0 * l2 * share * (x[p][c] - y[p][c])
+            let difference = x[p][c] - y[p][c];
+            // The slope of L1 is zero at equality, where signum would give one.
+            let sign = if difference == 0.0 { 0.0 } else { difference.signum() };
+            share * (l1 * sign + 2.0 * l2 * difference) + ssim * similar.gradient[p][c]
         };
         let gradient = (0..x.len()).map(|p| std::array::from_fn(|c| slope(p, c))).collect();
-        (l1 * absolute.value + ssim * similar.value + l2 * squares, gradient)
+        (l1 * similar.l1 + ssim * similar.value + l2 * squares, gradient)
     }
 
     /// The device's value and gradient; `loss` has room for the picture.

@@ -9,7 +9,8 @@ mod fingerprint;
 pub mod hard;
 pub mod loss;
 pub mod overlap;
-mod participation;
+#[doc(hidden)]
+pub mod participation;
 pub mod primitives;
 pub mod project;
 mod random;

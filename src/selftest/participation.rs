@@ -69,17 +69,30 @@ pub(super) fn by_solver(solver: Eigensolver) -> Result<Vec<Measure>> {
     against(solve, solver != Eigensolver::LowRank)
 }
 
-/// The device's solver on matrices uploaded by the host.
-fn kernel(device: &Device, block: &Block) -> Result<Solution> {
-    let m = block.m;
-    let triangle: Vec<f32> = (0..m).flat_map(|c| (c..m).map(move |r| (r, c))).map(|(r, c)| block.n[r][c]).collect();
-    let blocks = device.upload("blocks", &[[0, m as u32, 0, 0]])?;
-    let overlaps = device.upload("overlaps", &triangle)?;
-    let factors = device.upload("response factors", &block.columns())?;
-    let divisors = device.upload("divisors of responses", &[1.0, 1.0])?;
-    let modes = device.buffer::<f32>("modes of blocks", CHANNELS * m)?;
-    let solutions = device.buffer::<f32>("solutions", 2 * m + CHANNELS + 2)?;
-    let (epsilon, tau) = (block.eps as f32, TAU as f32);
+/// A block in the solver's input format.
+pub struct Matrices {
+    /// N's lower triangle, packed.
+    pub triangle: Vec<f32>,
+    /// W, column by column.
+    pub factor: Vec<f32>,
+}
+
+/// The device's solutions of blocks of one size, whose matrices the host uploads: q and gain of each member, eigenvalues, r and
+/// failure.
+///
+/// # Panics
+/// If there is no block.
+pub fn solutions(device: &Device, all: &[Matrices], epsilon: f32) -> Result<Vec<Vec<f32>>> {
+    let (m, triangle) = (all[0].factor.len() / CHANNELS, all[0].triangle.len());
+    let (count, floats) = (all.len() as u32, 2 * m + CHANNELS + 2);
+    let rows: Vec<[u32; 4]> = (0..all.len()).map(|b| [b * m, m, b * triangle, 0].map(|n| n as u32)).collect();
+    let of = |part: fn(&Matrices) -> &[f32]| all.iter().flat_map(part).copied().collect::<Vec<f32>>();
+    let blocks = device.upload("blocks", &rows)?;
+    let overlaps = device.upload("overlaps", &of(|b| &b.triangle))?;
+    let factors = device.upload("response factors", &of(|b| &b.factor))?;
+    let divisors = device.upload("divisors of responses", &vec![1.0; 2 * all.len()])?;
+    let modes = device.buffer::<f32>("modes of blocks", factors.len())?;
+    let solutions = device.buffer::<f32>("solutions", floats * all.len())?;
     let mut recording = Recording::new();
     let kernel = Kernel {
         blocks: &blocks,
@@ -88,19 +101,26 @@ fn kernel(device: &Device, block: &Block) -> Result<Solution> {
         divisors: &divisors,
         modes: &modes,
         solutions: &solutions,
-        push: ParticipationPush { first_block: 0, count: 1, first_member: 0, epsilon, tau },
+        push: ParticipationPush { first_block: 0, count, first_member: 0, epsilon, tau: TAU as f32 },
         spec: ParticipationSpec { workgroup: device.info().subgroup_size },
     };
-    recording.dispatch(&kernel, Groups::Count(1));
+    recording.dispatch(&kernel, Groups::Count(count));
     device.run(recording)?;
-    let all: Vec<f64> = solutions.read(device)?.into_iter().map(f64::from).collect();
-    let (q, rest) = all.split_at(m);
-    let (_gain, rest) = rest.split_at(m);
+    Ok(solutions.read(device)?.chunks_exact(floats).map(<[f32]>::to_vec).collect())
+}
+
+/// The device's solution of a block.
+fn on_device_alone(device: &Device, block: &Block) -> Result<Solution> {
+    let m = block.m;
+    let triangle = (0..m).flat_map(|c| (c..m).map(move |r| (r, c))).map(|(r, c)| block.n[r][c]).collect();
+    let solved = solutions(device, &[Matrices { triangle, factor: block.columns() }], block.eps as f32)?;
+    let all: Vec<f64> = solved[0].iter().copied().map(f64::from).collect();
+    let (q, rest) = (&all[..m], &all[2 * m..]);
     Ok((rest[..CHANNELS].to_vec(), rest[CHANNELS] as usize, q.to_vec(), rest[CHANNELS + 1] != 0.0))
 }
 
 pub(super) fn on_device(device: &Device) -> Result<Vec<Measure>> {
-    against(|block| kernel(device, block), true)
+    against(|block| on_device_alone(device, block), true)
 }
 
 /// Overlaps that are not a Gram matrix, as rounding might produce: eigenvalues 2.2, -0.2 and 1. The host's solvers must
@@ -126,7 +146,7 @@ pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
         silent += usize::from(!solved.canonical);
         seen = worse(seen, (solved.spectrum[0] / expected - 1.0).abs());
     }
-    let (.., q, failed) = kernel(device, &block)?;
+    let (.., q, failed) = on_device_alone(device, &block)?;
     silent += usize::from(!failed || q.iter().any(|q| *q != 0.0));
     // 1.2 is stored as float32, 2e-8 off.
     Ok(vec![

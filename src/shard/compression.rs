@@ -124,7 +124,7 @@ impl CompressPlan {
         match (task.stage, task.part) {
             (Stage::Evidence, Some(chunk)) => {
                 let responses = stages::evidence(session, &self.model()?, config, chunk, &self.photos[0], None)?;
-                Ok(vec![files.part_bytes(task, responses)?])
+                Ok(vec![files.part_bytes(task, &responses)?])
             }
             (Stage::Choose, _) => {
                 let parts = self.evidence().map(|part| Ok(files.part(part, self.gaussians)?.responses(self.gaussians)));

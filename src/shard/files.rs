@@ -1,9 +1,9 @@
 //! The files of a plan's tasks: their paths, and readers of their contents.
 
-use super::part::{Part, Stored};
+use super::part::{self, Stored};
 use super::sealed;
 use super::task::{Listed, Task};
-use crate::gaussians::formats::{self, RenderMode};
+use crate::gaussians::formats::{self, RenderMode, SpzVersion};
 use crate::gaussians::{Gaussians, formats::crc32};
 use crate::job::Error;
 use crate::pipeline::prepare::crc32_of_file;
@@ -23,7 +23,6 @@ pub(super) struct Files {
     pub folder: PathBuf,
     /// The plan's hash.
     pub hash: String,
-    /// Its tasks.
     pub listed: Vec<Listed>,
 }
 
@@ -91,12 +90,11 @@ impl Files {
 
     /// The responses that a task wrote, for `n` Gaussians.
     pub fn part(&self, task: Task, n: usize) -> Result<Stored, Error> {
-        self.read(self.first(task), task, |bytes, plan, task| Part::parse(bytes, n, plan, task))
+        self.read(self.first(task), task, |bytes, plan, task| part::parse(bytes, n, plan, task))
     }
 
-    /// The bytes of responses.
-    pub fn part_bytes(&self, task: Task, responses: Responses) -> Result<Vec<u8>, Error> {
-        Part { plan: self.hash.clone(), task: task.to_string(), responses }.bytes()
+    pub fn part_bytes(&self, task: Task, responses: &Responses) -> Result<Vec<u8>, Error> {
+        part::bytes(&self.hash, &task.to_string(), responses)
     }
 
     /// The figures that a task wrote.
@@ -131,7 +129,6 @@ impl Files {
         }
     }
 
-    /// The bytes of a training state.
     pub fn state_bytes(&self, task: Task, mut snapshot: Snapshot) -> Result<Vec<u8>, Error> {
         snapshot.notes = NOTES.map(str::to_owned).into_iter().zip([self.hash.clone(), task.to_string()]).collect();
         snapshot.bytes().map_err(Error::writing)
@@ -162,11 +159,9 @@ impl Files {
         origin: [f64; 3],
         content: impl Serialize,
     ) -> Result<Vec<Vec<u8>>, Error> {
-        let beside =
-            tempfile::tempdir_in(&self.folder).map_err(|source| Error::Write { path: self.folder.clone(), source })?;
-        let path = beside.path().join(self.first(task).file_name().unwrap_or_default());
-        formats::write_at(&path, model, mode, origin).map_err(Error::writing)?;
-        let bytes = std::fs::read(&path).map_err(|source| Error::Read { path, source })?;
+        let path = self.first(task);
+        let how = (formats::usual(&path, model), SpzVersion::default());
+        let bytes = formats::encode(&path, model, (mode, origin), how).map_err(Error::writing)?;
         let model_crc32 = crc32([bytes.as_slice()]);
         let sealed = self.seal(task, &Beside { model_crc32, content })?;
         Ok(vec![bytes, sealed])

@@ -23,7 +23,6 @@ const SNAKEFILE: &str = "Snakefile";
 pub struct Plan {
     /// `qirf-vk shard`.
     made_by: String,
-    /// Version of the program.
     version: String,
     /// Fingerprint of the results of the device that made the plan.
     pub fingerprint: String,

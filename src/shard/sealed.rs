@@ -7,7 +7,6 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
-/// The bytes of a file with this content.
 pub(super) fn bytes(plan: &str, task: &str, content: &impl Serialize) -> Result<Vec<u8>, Error> {
     let content = value(content).map_err(|e| Error::encoding("a task's figures", e))?;
     Ok(format!("{:#}", seal(json!({ "plan": plan, "task": task, "content": content }))).into_bytes())

@@ -73,7 +73,6 @@ fn meeting(files: &Files, collect: Task) -> Result<Meeting, Error> {
 }
 
 impl BlockRun {
-    /// The tasks of a stage of all blocks.
     fn blocks_of(&self, stage: Stage) -> impl Iterator<Item = Task> + use<> {
         Task::parts(stage, self.blocks)
     }
@@ -179,7 +178,7 @@ impl BlockRun {
             Stage::Evidence => {
                 let (model, _) = files.model::<Collected>(FIRST)?;
                 let responses = self.evidence(session, &model, &files.sealed(ASSIGN)?, part)?;
-                Ok(vec![files.part_bytes(task, responses)?])
+                Ok(vec![files.part_bytes(task, &responses)?])
             }
             Stage::Choose => {
                 let meeting = meeting(files, FIRST)?;

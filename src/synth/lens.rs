@@ -118,9 +118,6 @@ pub struct Calibration {
 
 impl Calibration {
     /// Focal lengths, principal point and lens, for photos of this size.
-    ///
-    /// # Errors
-    /// [`Error::Lens`] for parameters that no such camera has.
     pub(super) fn device(&self, width: u32, height: u32) -> Result<(DVec2, DVec2, Lens), Error> {
         let Self { model, parameters: p } = self;
         let whole = lens::Lens::from_colmap(*model, width.into(), height.into(), p).map_err(Error::Lens)?;

@@ -84,9 +84,6 @@ impl View {
 }
 
 /// The devices that the options require.
-///
-/// # Errors
-/// [`Error::Lens`] for a lens that there cannot be.
 pub(super) fn devices(options: &SynthOptions) -> Result<Vec<Device>, Error> {
     if let Some(calibration) = &options.lens {
         let (width, height) = (options.width, options.height);

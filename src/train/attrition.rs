@@ -4,10 +4,8 @@
 //! survivors would fade as time runs out.
 
 use super::rates::Pressure;
-use super::selection;
 use crate::gaussians::opacity;
 use crate::scene::median;
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
@@ -77,13 +75,11 @@ pub struct AttritionState {
 /// The `count`-th greatest opacity; 0 if there are fewer. NaN counts as 0.
 fn greatest(logits: &[f32], count: usize) -> f64 {
     // Opacity rises with its logit.
-    let falling = |l: &f32| (!l.is_nan()).then(|| selection::key(-f64::from(*l)));
-    let keys: Vec<u64> = logits.par_iter().filter_map(falling).collect();
-    if count == 0 || count > keys.len() {
+    let mut logits: Vec<f32> = logits.iter().copied().filter(|l| !l.is_nan()).collect();
+    if count == 0 || count > logits.len() {
         return 0.0;
     }
-    let logit = -selection::float(selection::nth(&keys, count - 1));
-    opacity(logit as f32)
+    opacity(*logits.select_nth_unstable_by(count - 1, |a, b| b.total_cmp(a)).1)
 }
 
 impl AttritionState {

@@ -1,7 +1,6 @@
 //! Growth to a planned number of Gaussians: selects the ones that each density step halves. The thresholds of the 3DGS
 //! reference leave the number open, and its steps are too few in short runs.
 
-use super::selection;
 use crate::effects::geometry::LOOKS;
 use crate::random;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
@@ -80,7 +79,7 @@ impl Growth {
         candidate: impl Fn(usize) -> bool + Sync,
     ) -> Vec<bool> {
         let key = key.map(u64::from);
-        let weighed: Vec<(f64, usize)> = (0..growth.len())
+        let mut weighed: Vec<(f64, usize)> = (0..growth.len())
             .into_par_iter()
             .filter(|i| candidate(*i))
             .filter_map(|i| {
@@ -93,9 +92,10 @@ impl Growth {
             })
             .collect();
         let mut halved = vec![false; growth.len()];
-        for i in selection::smallest(weighed, count) {
-            halved[i] = true;
+        if count < weighed.len() {
+            weighed.select_nth_unstable_by(count, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         }
+        weighed.iter().take(count).for_each(|(_, i)| halved[*i] = true);
         halved
     }
 }
@@ -160,7 +160,7 @@ mod tests {
         let odd = [[f32::NAN, 1.0], [f32::INFINITY, 1.0], [0.0, 0.0], [-1.0, 1.0], [2.0, 2.0], [9.0, 10.0]];
         assert_eq!(count(&odd, 9), [[4, 5]; 2].map(Vec::from));
         assert!(count(&odd, 0).iter().all(Vec::is_empty));
-        let equal = count(&[[1.0, 1.0]; 9], 3);
-        assert!(equal[0].len() == 3 && equal[1] == [0, 1, 2]);
+        let equal = count(&[[1.0, 1.0]; 1000], 300);
+        assert!(equal[0].len() == 300 && equal[1] == (0..300).collect::<Vec<_>>());
     }
 }

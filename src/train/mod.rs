@@ -25,7 +25,6 @@ pub mod poses;
 pub mod rates;
 mod respond;
 pub mod schedule;
-mod selection;
 pub mod smoothing;
 pub mod state;
 mod trainer;

@@ -31,11 +31,8 @@ pub enum Verdict {
 pub struct Asked<'a> {
     /// Query of the address, without `?`.
     pub query: &'a str,
-    /// Header `Host`.
     pub host: &'a str,
-    /// Header `Origin`.
     pub origin: Option<&'a str>,
-    /// Header `Cookie`.
     pub cookie: &'a str,
     /// True for a WebSocket.
     pub socket: bool,
@@ -59,7 +56,6 @@ impl Guard {
         format!("/?token={}", self.token)
     }
 
-    /// The cookie to set.
     pub fn cookie(&self) -> String {
         format!("{}={}; Path=/; SameSite=Strict; HttpOnly", self.name(), self.token)
     }
@@ -69,7 +65,6 @@ impl Guard {
         format!("qirf-vk-{}", self.port)
     }
 
-    /// Checks a request.
     pub fn check(&self, asked: Asked<'_>) -> Verdict {
         if !self.own(asked.host) {
             return Verdict::Refuse("unknown host name; use the IP address that qirf-vk printed");

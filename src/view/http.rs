@@ -20,11 +20,8 @@ pub struct HttpRequest {
     pub path: String,
     /// Query, without `?`.
     pub query: String,
-    /// `Host`.
     pub host: String,
-    /// `Origin`.
     pub origin: Option<String>,
-    /// `Cookie`.
     pub cookie: String,
     /// `Sec-WebSocket-Key` of a request to upgrade.
     pub socket_key: Option<String>,
@@ -37,21 +34,13 @@ pub struct HttpRequest {
 pub struct Status(pub u16, pub &'static str);
 
 impl Status {
-    /// 200.
     pub const OK: Self = Self(200, "OK");
-    /// 400.
     pub const BAD: Self = Self(400, "Bad Request");
-    /// 403.
     pub const FORBIDDEN: Self = Self(403, "Forbidden");
-    /// 404.
     pub const MISSING: Self = Self(404, "Not Found");
-    /// 405.
     pub const METHOD: Self = Self(405, "Method Not Allowed");
-    /// 408.
     pub const SLOW: Self = Self(408, "Request Timeout");
-    /// 431.
     pub const LONG: Self = Self(431, "Request Header Fields Too Large");
-    /// 503.
     pub const FULL: Self = Self(503, "Service Unavailable");
 }
 
@@ -127,7 +116,6 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
 
 /// A connection whose request waits for an answer.
 pub struct Reply {
-    /// The connection.
     pub stream: TcpStream,
     /// True if the answer has no body.
     pub head: bool,

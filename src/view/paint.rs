@@ -54,7 +54,6 @@ pub fn depths(means: &[[f32; 3]], camera: &Camera) -> (Vec<f32>, [f64; 2]) {
     (means.iter().flat_map(|m| [share(m); 3]).collect(), [near, far])
 }
 
-/// The colour of a block, or of no block.
 fn block_colour(block: u32) -> [f32; 3] {
     let bits = mix(u64::from(block));
     let colour = std::array::from_fn(|c| 0.15 + 0.8 * ((bits >> (16 * c)) & 0xffff) as f32 / 65535.0);

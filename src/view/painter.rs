@@ -16,7 +16,6 @@ use std::time::Instant;
 /// The inputs of a picture.
 #[derive(Clone, Copy)]
 pub struct PaintInput<'a> {
-    /// The model.
     pub whole: &'a Resident,
     /// Its most visible part, which replaces it in this picture of colours.
     pub reduced: Option<&'a Resident>,
@@ -34,7 +33,6 @@ pub struct PaintInput<'a> {
 pub struct Drawn {
     /// The header sent before the picture.
     pub header: Header,
-    /// The picture.
     pub image: Image,
 }
 
@@ -168,7 +166,6 @@ impl Painter {
     }
 }
 
-/// The camera of a request.
 fn camera(request: &Request, capture: Option<&Capture>) -> Result<Camera, Error> {
     match request.camera {
         RequestCamera::Photo(n) => {

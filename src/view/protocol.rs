@@ -189,7 +189,6 @@ pub struct Header {
 impl Header {
     /// Bytes of a header.
     pub const BYTES: usize = 32;
-    /// Version of this layout.
     const VERSION: u8 = 2;
 
     /// The header's bytes.

@@ -18,7 +18,6 @@ const SLOW_MS: f32 = 45.0;
 /// Estimated drawing time, in milliseconds, of a whole picture below which moving pictures are whole again.
 const FAST_MS: f32 = 40.0;
 
-/// A model on the device.
 struct ViewerModel {
     /// Draws the model in its own style.
     painter: Painter,

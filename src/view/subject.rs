@@ -14,7 +14,6 @@ use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
 use std::collections::HashMap;
 
-/// JPEG quality of photos.
 const PHOTO_QUALITY: u8 = 92;
 
 /// A model that does not change.

@@ -3,12 +3,12 @@
 use super::overlap::{blocks, model};
 use crate::support::{Random, device, finish};
 use qirf_vk::gaussians::resident::Resident;
-use qirf_vk::gpu::{Device, Error, Groups, Recording};
-use qirf_vk::kernels::qirf::{Participation, ParticipationPush, ParticipationSpec};
+use qirf_vk::gpu::{Device, Error};
 use qirf_vk::qirf::assemble::{Assembly, Options, symmetric};
 use qirf_vk::qirf::participation::device::Problem;
 use qirf_vk::qirf::rrdm::Density;
 use qirf_vk::reference::participation::{Participation as Twin, participation};
+use qirf_vk::selftest::participation::{Matrices, solutions};
 
 #[test]
 fn the_devices_solver_agrees_with_float64() {
@@ -184,7 +184,7 @@ pub fn not_finite(device: &Device) {
     let overlaps: Vec<f32> = (0..m).flat_map(|c| (c..m).map(move |r| near(r, c))).collect();
     let factors: Vec<f32> = (0..8 * m).map(|_| r.within(0.1, 1.0) as f32).collect();
     let sound = || Matrices { triangle: overlaps.clone(), factor: factors.clone() };
-    let right = solutions(device, &[sound()]);
+    let right = solutions(device, &[sound()], 1e-4).unwrap();
     assert!(right[0].iter().all(|v| v.is_finite()) && right[0].last() == Some(&0.0));
     for bad in [f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3e38] {
         let spoilt_by = |entries: &[u64], factor_entries: &[u64]| {
@@ -207,7 +207,7 @@ pub fn not_finite(device: &Device) {
             spoilt_by(&[], &[2 * m, 7 * m + 3]),
             spoilt_by(&[], &all),
         ];
-        let got = solutions(device, &blocks);
+        let got = solutions(device, &blocks, 1e-4).unwrap();
         let bits = |v: &[f32]| v.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         assert_eq!(bits(&got[3]), bits(&right[0]), "{bad}: the sound one");
         for (b, solution) in got.iter().enumerate().filter(|(b, _)| *b != 3) {
@@ -220,42 +220,4 @@ pub fn not_finite(device: &Device) {
         }
     }
     finish(device);
-}
-
-/// A block in the solver's input format.
-struct Matrices {
-    /// N's lower triangle, packed.
-    triangle: Vec<f32>,
-    /// W, column by column.
-    factor: Vec<f32>,
-}
-
-/// The device's solutions of blocks of one size: q, lambda, r and failure.
-fn solutions(device: &Device, blocks: &[Matrices]) -> Vec<Vec<f32>> {
-    let m = blocks[0].factor.len() / 8;
-    let row = |b: usize| [(b * m) as u32, m as u32, (b * blocks[0].triangle.len()) as u32, 0];
-    let rows: Vec<[u32; 4]> = (0..blocks.len()).map(row).collect();
-    let triangles: Vec<f32> = blocks.iter().flat_map(|b| b.triangle.iter().copied()).collect();
-    let all_factors: Vec<f32> = blocks.iter().flat_map(|b| b.factor.iter().copied()).collect();
-    let rows = device.upload("blocks", &rows).unwrap();
-    let overlaps = device.upload("overlaps", &triangles).unwrap();
-    let factors = device.upload("response factors", &all_factors).unwrap();
-    let divisors = device.upload("divisors of responses", &vec![1.0_f32; 2 * blocks.len()]).unwrap();
-    let modes = device.buffer::<f32>("modes of blocks", all_factors.len()).unwrap();
-    let solutions = device.buffer::<f32>("solutions", (2 * m + 10) * blocks.len()).unwrap();
-    let count = blocks.len() as u32;
-    let kernel = Participation {
-        blocks: &rows,
-        overlaps: &overlaps,
-        factors: &factors,
-        divisors: &divisors,
-        modes: &modes,
-        solutions: &solutions,
-        push: ParticipationPush { first_block: 0, count, first_member: 0, epsilon: 1e-4, tau: 0.95 },
-        spec: ParticipationSpec { workgroup: device.info().subgroup_size },
-    };
-    let mut recording = Recording::new();
-    recording.dispatch(&kernel, Groups::Count(count));
-    device.run(recording).unwrap();
-    solutions.read(device).unwrap().chunks_exact(2 * m + 10).map(<[f32]>::to_vec).collect()
 }

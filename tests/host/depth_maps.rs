@@ -9,7 +9,7 @@ use crate::support::files::writers::{Model, picture, write};
 use npyz::WriterBuilder;
 use qirf_vk::depth_maps::{self, DepthMaps};
 use qirf_vk::effects::{DepthEvidence, DepthWitness, Effect};
-use qirf_vk::pipeline::effects::of_scene;
+use qirf_vk::pipeline::effects::examine;
 use qirf_vk::scene::lens::LensModel;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Resize, Scene};
 use qirf_vk::synth::{SynthOptions, write as write_scene};
@@ -158,11 +158,12 @@ fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
     assert!(found.is_empty(), "{notes:?}");
     let told = notes.join("; ");
     for part in
-        ["1 depth map at no scale", "1 depth map not used: it has neither 16 bits nor floats (b.jpg)", "(c.jpg)"]
+        ["1 depth map at no scale", "1 depth map not used: it is neither one channel of 16 bits nor floats", "(c.jpg)"]
     {
         assert!(told.contains(part), "{told}");
     }
-    let decisions = of_scene(&open(folder.path())).unwrap().0;
+    assert!(!told.contains("from 0 depth maps"), "{told}");
+    let decisions = examine(&open(folder.path())).unwrap().0;
     let decision = decisions.into_iter().find(|d| d.name == Effect::Depth).unwrap();
     assert_eq!((decision.on, decision.evidence.as_str()), (false, "no depth map can be used"));
     let packed = folder_of_maps.join("a.npz");
@@ -224,6 +225,38 @@ fn the_channel_of_depths_in_an_exr_is_found_by_its_name() {
     assert!(error.contains("far, near"), "{error}");
 }
 
+/// COLMAP's own maps lie by rows; the one that was checked against other photos comes first.
+#[test]
+fn dense_maps_of_colmap_are_read() {
+    let (folder, folder_of_maps) = with_maps();
+    wall(folder.path(), true, 0.0);
+    let map = |head: &str, depths: &[f32]| {
+        let numbers = depths.iter().flat_map(|depth| depth.to_le_bytes());
+        head.bytes().chain(numbers).collect::<Vec<u8>>()
+    };
+    let flat = map("64&48&1&", &[4.0; 64 * 48]);
+    for name in ["a.jpg.geometric.bin", "a.jpg.photometric.bin", "b.jpg.photometric.bin"] {
+        std::fs::write(folder_of_maps.join(name), &flat).unwrap();
+    }
+    let scene = open(folder.path());
+    let found: Vec<_> = scene.views.iter().map(|view| view.depth.clone()).collect();
+    let expected = ["a.jpg.geometric.bin", "b.jpg.photometric.bin"].map(|name| Some(folder_of_maps.join(name)));
+    assert_eq!(found, [&expected[..], &[None]].concat());
+    let rows = [1.0_f32, 2.0, 3.0, 4.0, 5.0, 6.0];
+    let read = depth_maps::read::of_bytes(&map("3&2&1&", &rows), None).unwrap();
+    assert_eq!((read.width, read.height, &read.depths[..]), (3, 2, &rows[..]));
+    assert_eq!(depth_maps::of_views(&scene, &[0, 1, 2], Resize::Full).evidence.maps, 2);
+    for (bytes, what) in [
+        (map("3&2&3&", &rows), "3 x 2 x 3 numbers: give COLMAP's folder depth_maps"),
+        (map("3&1&1&", &rows), "24 bytes, not 1 x 3 floats"),
+        (map("3&0&1&", &rows), "3 x 0 x 1 numbers"),
+        (flat[..90].to_vec(), "82 bytes, not 48 x 64 floats"),
+    ] {
+        let error = depth_maps::read::of_bytes(&bytes, None).unwrap_err();
+        assert!(error.contains(what), "{error}");
+    }
+}
+
 /// A map of 2 x 3 whose file has its columns one after the other, as `numpy.save` writes a transposed array.
 #[test]
 fn maps_may_lie_by_columns() {
@@ -241,7 +274,7 @@ fn the_evidence_decides_on_the_loss() {
     let options = SynthOptions { views: 9, width: 64, height: 48, points: 300, depth: true, ..SynthOptions::default() };
     write_scene(folder.path(), &options, &|_| ()).unwrap();
     let decide_on = |scene: &Scene| {
-        let (decisions, _) = of_scene(scene).unwrap();
+        let (decisions, ..) = examine(scene).unwrap();
         let decision = decisions.into_iter().find(|d| d.name == Effect::Depth).unwrap();
         println!("{}", decision.evidence);
         (decision.on, decision.evidence)

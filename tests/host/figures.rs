@@ -278,10 +278,19 @@ fn curves_of_models_become_a_plot_and_a_table() {
     let folder = tempfile::tempdir().unwrap();
     let cup = folder.path().join("cup");
     std::fs::create_dir(&cup).unwrap();
-    let csv = "tool,format,wanted_bytes,bytes,gaussians,psnr_db,ssim,lpips_vgg\n\
-        qirf-vk,sog,200,200,9,30.0,0.9,\nqirf-vk,spz,200,100,9,20.0,0.9,\nqirf-vk,spz,400,400,9,24.0,0.9,\n\
-        other 1.0,sog,,150,9,19.0,0.9,\nother 1.0,spz,,190,9,18.0,0.9,\nother 1.0,sog,,900,9,,1.0,\n";
-    std::fs::write(cup.join("curve.csv"), csv).unwrap();
+    let files = [
+        ("qirf-vk", "sog", 200, Some(30.0)),
+        ("qirf-vk", "spz", 100, Some(20.0)),
+        ("qirf-vk", "spz", 400, Some(24.0)),
+        ("other 1.0", "sog", 150, Some(19.0)),
+        ("other 1.0", "spz", 190, Some(18.0)),
+        ("other 1.0", "sog", 900, None),
+    ]
+    .map(|(tool, format, bytes, psnr)| {
+        serde_json::json!({ "tool": tool, "format": format, "bytes": bytes, "gaussians": 9,
+            "scores": { "psnr": psnr }, "parts": [["means", bytes]] })
+    });
+    std::fs::write(cup.join("curve.json"), serde_json::json!({ "files": files }).to_string()).unwrap();
     let (plot, table) = generator::bytes(&[&cup], "Once.").unwrap();
     // SPZ: half of the way by the logarithm; the other tool: the best file that is small enough.
     assert!(table.contains("| cup | 0.000 | 30.0 | 22.0 | 19.0 |"), "{table}");

@@ -22,6 +22,19 @@ use crate::support::files::writers::{Model, picture, row, transforms, write, wri
 use glam::{DVec2, DVec3};
 use qirf_vk::scene::lens::{Curve, LensModel};
 use qirf_vk::scene::{AlphaRole, Error, LoadOptions, OpenOptions, Resize, Role, Scene, SceneKind, Split};
+use tempfile::TempDir;
+
+/// Intrinsics of a transforms.json whose photos are 64 x 48.
+const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
+
+/// A capture with this transforms.json and pictures of these names.
+fn transformed(json: impl Into<Vec<u8>>, pictures: &[&str]) -> TempDir {
+    let folder = written([("transforms.json", json.into())]);
+    for name in pictures {
+        picture(&folder.path().join(name), 64, 48);
+    }
+    folder
+}
 
 fn open(root: &Path) -> Result<Scene, Error> {
     Scene::open(root, &OpenOptions::default())
@@ -35,6 +48,11 @@ fn message(result: Result<Scene, Error>) -> String {
     let message = result.expect_err("must be refused").to_string();
     println!("{message}");
     message
+}
+
+/// The message with which a path is refused.
+fn refused(path: &Path) -> String {
+    message(open(path))
 }
 
 /// Asserts that a text contains all of these.

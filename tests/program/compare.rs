@@ -1,13 +1,19 @@
 //! Comparisons by the real binary: equal counts, one dense model, seeds.
 
-use super::ended::{qirf, works};
+use super::ended::{end, qirf, works};
 use super::run::scene;
 use std::path::Path;
+use std::process::Command;
+
+fn command(scene: &Path, out: &Path, iterations: &str, more: &[&str]) -> Command {
+    let mut command = qirf(["compare".as_ref(), scene, "-o".as_ref(), out]);
+    command.args(["--iterations", iterations, "--json"]).args(more);
+    command
+}
 
 /// A comparison's figures.
 fn compared(scene: &Path, out: &Path, iterations: &str, more: &[&str]) -> serde_json::Value {
-    let mut command = qirf(["compare".as_ref(), scene, "-o".as_ref(), out]);
-    works(command.args(["--iterations", iterations, "--json"]).args(more)).json()
+    works(&mut command(scene, out, iterations, more)).json()
 }
 
 /// Methods by name end at the same count: by two cuts, by pressure, and from the beginning by relocation and by learnt masks.
@@ -126,4 +132,56 @@ fn arms_are_compared_over_seeds() {
     assert!(grown <= kept && grown > 0.9 * kept, "{grown} of {kept}");
     let page = std::fs::read_to_string(out.join("compare.html")).unwrap();
     assert!(page.contains("<img") && page.contains("deviation / dB") && !page.contains("another seed may differ"));
+}
+
+/// A comparison that begins anew in the folder of another can be resumed at any moment, and is not lost by a forgotten option.
+#[test]
+fn a_comparison_in_the_folder_of_another_is_resumed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (scene(folder.path()), folder.path().join("compared"));
+    let command = |more: &[&str], fault: &str| {
+        let mut command = command(&scene, &out, "160", &[&["--arms", "dense,random:global", "-v"], more].concat());
+        command.env("QIRF_DEVICE_FAULT", fault);
+        command
+    };
+    let (never, seed) = (format!("submit:{}:lost", 1_u64 << 40), ["--seed", "5"]);
+    let again = [&seed[..], &["--resume"]].concat();
+    let said = works(&mut command(&[], &never)).said;
+    let counted = said.split("had not yet come after ").nth(1).and_then(|rest| rest.split(' ').next());
+    let all: u64 = counted.and_then(|n| n.parse().ok()).unwrap_or_else(|| panic!("no count: {said}"));
+    let there =
+        || ["config.toml", "checkpoint.safetensors", "compare.json", "compare.csv"].map(|name| out.join(name).exists());
+    assert_eq!(there(), [true; 4]);
+    end(&mut command(&seed, &format!("submit:{}:lost", all / 6))).with(4, &[]);
+    assert_eq!(there(), [true, false, false, false], "lost before its first checkpoint");
+    let remains = ["no checkpoint yet", "the checkpoint of iteration ", "`run` and `compare` with --resume"];
+    end(&mut command(&again, &format!("submit:{}:device-memory", all / 2))).with(5, &remains);
+    assert_eq!(there(), [true, true, false, false], "without memory for an arm");
+    end(&mut command(&seed, &never)).with(2, &["belongs to an interrupted run", "--resume"]);
+    let refused = end(&mut command(&["--resume"], &never))
+        .with(2, &["seed was 5, is 1", "use the original options and photos, or"]);
+    assert!(!refused.said.contains("--config"), "{}", refused.said);
+    let resumed = works(&mut command(&again, &never)).json();
+    assert_eq!((&resumed["seeds"], there()), (&serde_json::json!([5]), [true; 4]));
+}
+
+/// An arm goes on from its own checkpoint, with the bytes of an undisturbed one.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_arm_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (scene(folder.path()), folder.path().join("compared"));
+    let command = |more: &[&str]| command(&scene, &out, "240", &[&["--arms", "random:global"], more].concat());
+    let mut child = super::faults::harness::start(&mut command(&[]));
+    child.until(|| out.join("checkpoint.safetensors").exists());
+    child.signal("TERM").with(130, &["continue with --resume"]);
+    let own = out.join("arms/random-global");
+    assert!(own.join("checkpoint.safetensors").exists());
+    let resumed = works(&mut command(&["--resume"])).with(0, &["random:global resumes after iteration "]).json();
+    assert!(resumed["arms"][0]["psnr_pruned"].is_number(), "{resumed}");
+    assert!(!own.join("checkpoint.safetensors").exists());
+    let again = folder.path().join("again");
+    works(qirf(["run", "--config"]).arg(own.join("config.toml")).arg("-o").arg(&again));
+    let model = |folder: &Path| std::fs::read(folder.join("model.ply")).unwrap();
+    assert!(model(&again) == model(&own));
 }

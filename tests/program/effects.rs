@@ -1,8 +1,8 @@
 //! The benefit of effects on synthetic scenes: held-out PSNR with each effect off and on, in scenes that call for it
 //! and in others. `make effects` prints the table of docs/effects.md.
 
+use crate::support::plain;
 use crate::support::runs::config;
-use crate::support::{device, finish};
 use qirf_vk::effects::{Choice, Effect};
 use qirf_vk::gaussians::formats;
 use qirf_vk::job::{Output, RunConfig, Selection, Session};
@@ -52,7 +52,7 @@ impl Case {
     /// PSNR in dB, off and on, means over `seeds`. Both are scored alike: with fitted exposures if the effect is
     /// exposure, by undistorted photos if it is distortion.
     fn psnr(self, seeds: u64) -> [f64; 2] {
-        let device = device();
+        let device = plain();
         let mut sums = [0.0; 2];
         for seed in 1..=seeds {
             let folder = tempfile::tempdir().unwrap();
@@ -84,7 +84,6 @@ impl Case {
             }
         }
         println!("{}", self.row(sums));
-        finish(&device);
         sums
     }
 

@@ -334,7 +334,7 @@ fn plots_are_sound_on_their_own() {
     let columns = Columns { title: "histogram", x: "bin", y, bins: &bins, spreads: &[0.5, f64::NAN, 0.5], text };
     let named = |value: f64| Bar { name: EVIL.into(), value, text: EVIL.into() };
     let bars = bars("bars", &[named(1.0), named(-1.0), named(f64::INFINITY)]);
-    let body = page::side_by_side(&[lines.draw(), front.draw(), columns.draw(), bars]);
+    let body = page::side_by_side(&[lines.drawing().figure(), front.drawing().figure(), columns.draw(), bars.figure()]);
     let html = sound(&page::page(EVIL, EVIL, &[page::Section::new("plots", "Plots", body)]));
     assert_eq!(html.texts("h1"), [EVIL]);
     assert_eq!((html.select("svg[role=img]").len(), html.select(".legend").len()), (4, 2));

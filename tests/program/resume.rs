@@ -156,3 +156,21 @@ fn a_finished_run_is_left_as_it_is() {
     ]);
     says(&mut eval, 2, &["metrics.json would lie among the scene's own photos"]);
 }
+
+/// Before any work: a folder in which another process works, and files that cannot be written.
+#[test]
+fn figures_that_cannot_be_written_are_told_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let ring = "tools/examples/ring.ply";
+    let curve = (["compress", ring, "--curve", "sog"], "curve.json");
+    let sweep = (["sweep", ring, "--axis", "culling"], "sweep.json");
+    for (words, file) in [curve, sweep] {
+        let out = folder.path().join(file).join("out");
+        let job = || qirf(words.iter().map(OsStr::new).chain(["-o".as_ref(), out.as_os_str()]));
+        let claimed = Output::claim(&out).unwrap();
+        says(&mut job(), 2, &["another process is working in", "wait until it ends"]);
+        drop(claimed);
+        std::fs::create_dir(out.join(file)).unwrap();
+        says(&mut job(), 2, &[file, "is a folder"]);
+    }
+}

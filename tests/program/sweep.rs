@@ -177,3 +177,19 @@ fn what_cannot_be_swept_is_refused() {
     }
     assert!(!out.join("sweep.json").exists());
 }
+
+#[cfg(unix)]
+#[test]
+fn an_interrupted_sweep_has_the_axes_that_it_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let mut command = qirf(["sweep", "tools/examples/ring.ply", "--axis", "stop=1e-2", "--axis", "culling"]);
+    command.args(["--size", "40x30", "--budget-per-axis", "2", "-o"]).arg(&out);
+    let mut child = super::faults::harness::start(&mut command);
+    child.until(|| out.join("sweep.json").exists());
+    child.signal("TERM").with(130, &["what was finished is kept"]);
+    let swept = read(&out);
+    assert_eq!(swept["axes"].as_array().unwrap().len(), 1);
+    assert!(rung(&swept, "stop", "1e-2")["time"]["median"].is_number());
+    assert!(out.join("sweep.csv").exists() && out.join("sweep.html").exists());
+}

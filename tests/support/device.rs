@@ -47,6 +47,11 @@ pub fn opened(change: impl FnOnce(&mut DeviceOptions)) -> Device {
     Device::open(&options).expect("a Vulkan device")
 }
 
+/// A fresh device without layers and guards, for trainings whose kernels other tests validate: they look at quality alone.
+pub fn plain() -> Device {
+    Device::open(&DeviceOptions::from_env().expect("options of the environment")).expect("a Vulkan device")
+}
+
 /// A fresh device, for tests that break their device or measure its peak of memory.
 pub fn new_device() -> Device {
     opened(|_| ())

@@ -13,7 +13,6 @@ pub struct Rates {
 /// Lower bound of a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bound {
-    /// Milliseconds.
     pub ms: f64,
     /// The limit of the time: `bytes`, `operations` or `both`.
     pub by: &'static str,

@@ -4,7 +4,6 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// One benchmark.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Measured {
     /// Milliseconds: smallest, median, largest of the samples.
@@ -85,7 +84,6 @@ fn found(folder: &Path, end: &str) -> Result<Vec<PathBuf>, String> {
     Ok(files)
 }
 
-/// A JSON file.
 pub fn json(path: &Path) -> Result<Value, String> {
     let text = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
     serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))

@@ -6,7 +6,7 @@ use super::measured::{Bench, Measured};
 use super::tables::{AGAINST, against, digits, short_ratio, table, time};
 use qirf_vk::render::STAGES;
 use qirf_vk::report::format::{count, decimals, percent};
-use qirf_vk::report::plot::{Axis, Bar, Line, Lines, drawing_of_bars, sheet};
+use qirf_vk::report::plot::{Axis, Bar, Line, Lines, bars, sheet};
 use qirf_vk::train;
 
 const WHOLE: &str = "whole, by the host's clock";
@@ -219,7 +219,7 @@ pub fn iteration(bench: &Bench) -> Result<String, String> {
 /// The stages of an iteration as bars.
 pub fn iteration_plot(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
-    let bars: Vec<Bar> = stages(bench, &rates, "iteration", ITERATION)
+    let timed: Vec<Bar> = stages(bench, &rates, "iteration", ITERATION)
         .into_iter()
         .map(|(stage, m, bound)| {
             let times = bound.map(|b| format!(" ({} x)", short_ratio(m.ms[1] / b.ms))).unwrap_or_default();
@@ -227,5 +227,5 @@ pub fn iteration_plot(bench: &Bench) -> Result<String, String> {
         })
         .collect();
     let title = "An iteration by stage; in brackets, times its bound";
-    Ok(sheet(title, &[drawing_of_bars(title, &bars)], 1))
+    Ok(sheet(title, &[bars(title, &timed)], 1))
 }

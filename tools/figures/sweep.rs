@@ -15,7 +15,6 @@ const SCHEMA: u64 = 1;
 /// Times within this share of each other count as equal.
 const EQUAL: f64 = 0.03;
 
-/// A `sweep.json`.
 pub struct Sweep(Value);
 
 impl Sweep {
@@ -194,7 +193,6 @@ fn choice(default: &str, other: &str, time: String, gained: &str) -> [String; 4]
     [default.to_owned(), other.to_owned(), time, gained.to_owned()]
 }
 
-/// A time compared with another.
 fn compared(time: f64, other: f64) -> String {
     match time / other - 1.0 {
         d if d.abs() < EQUAL => "equal".to_owned(),

@@ -112,7 +112,6 @@ pub fn device(bench: &Bench, origin: &Origin) -> Result<String, String> {
     Ok(out)
 }
 
-/// Sort and scan.
 pub fn sort(bench: &Bench) -> Result<String, String> {
     let rates = Rates::of(bench)?;
     let mut rows = Vec::new();

@@ -49,7 +49,7 @@ pub(super) struct Arguments {
     /// Models: .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz files, or SOG folders; several become one
     #[arg(value_name = "IN", required = true)]
     inputs: Vec<PathBuf>,
-    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz
+    /// Model to write: .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda or .usdz
     #[arg(short, long, value_name = "OUT", required_unless_present = "count_only")]
     output: Option<PathBuf>,
     /// Print the number of Gaussians that each operation leaves, and write nothing

@@ -21,7 +21,6 @@ pub(super) struct Asked {
     pub what: Operation,
 }
 
-/// The effect of an operation.
 #[derive(Clone, Debug)]
 pub(super) enum Operation {
     Edit(Edit),

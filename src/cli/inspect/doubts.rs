@@ -91,7 +91,6 @@ impl<'a> Doubts<'a> {
         self.misfits.iter().map(|fit| fit.photo).chain(named).collect()
     }
 
-    /// Their fields in the document.
     pub fn fields(&self) -> Value {
         let misfits = self.misfits.iter();
         let misfits = misfits.map(|m| json!({ "photo": m.photo, "px": m.misfit.px, "share": m.misfit.share() }));
@@ -110,7 +109,6 @@ impl<'a> Doubts<'a> {
         })
     }
 
-    /// Advice, in sentences.
     pub fn advice(&self) -> Vec<String> {
         let as_a_whole = self.whole();
         let photos = if as_a_whole.is_none() { self.disagreeing() } else { None };

@@ -33,7 +33,7 @@ pub(super) struct Arguments {
     /// Depth maps of a scene, with the photos' names
     #[arg(long, value_name = "DIR")]
     depth: Option<PathBuf>,
-    /// Mask everything within DEG degrees of straight down in the panoramas of a scene
+    /// Mask everything within DEG degrees of straight down in the panoramas and wide fisheyes of a scene
     #[arg(long, value_name = "DEG", default_value = "0", value_parser = values::pole)]
     pole_mask: f64,
     /// Write a web page with a scene's points and cameras: held-out cameras are orange, suspect ones red
@@ -182,7 +182,6 @@ fn effects(console: &Console, decisions: &Value) -> Result<(), Error> {
     Ok(())
 }
 
-/// A value on one line.
 fn line(value: &Value) -> String {
     match value {
         Value::Null => "none".into(),

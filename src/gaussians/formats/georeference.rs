@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::write::Written;
-use super::{Error, MARK, write_atomically};
+use super::{Error, Format, MARK, write_atomically, written_as};
 
 /// Its name.
 const FILE: &str = "georeference.json";
@@ -53,9 +52,6 @@ fn name(path: &Path) -> String {
 }
 
 /// The local origin of the model at `path` as the file beside it lists it; zero if it does not.
-///
-/// # Errors
-/// [`Error::Malformed`] for a damaged file.
 pub(super) fn origin(path: &Path) -> Result<[f64; 3], Error> {
     let found = Georeference::beside(path)?.and_then(|found| found.models.get(&name(path)).copied());
     Ok(found.filter(|origin| origin.iter().all(|v| v.is_finite())).unwrap_or_default())
@@ -67,7 +63,7 @@ pub(super) fn origin(path: &Path) -> Result<[f64; 3], Error> {
 /// # Errors
 /// Such a file, if the model's format has no field for its origin.
 pub fn georeference(path: &Path, origin: [f64; 3]) -> Result<(), Error> {
-    let has_field = !matches!(Written::of(path), Ok(Written::Spz | Written::Sog) | Err(_));
+    let has_field = !matches!(written_as(path), Some(Format::Spz | Format::Sog) | None);
     let there = match Georeference::beside(path) {
         Ok(None) if file(path).exists() => {
             let what = "another program's file has the name that the model's local origin needs; choose another folder";

@@ -1,7 +1,7 @@
 //! Readers and writers of model files.
 //!
 //! Read: standard 3DGS PLY, PlayCanvas compressed PLY, SPZ 1 to 4, antimatter15 `.splat`, mkkellogg `.ksplat`, SOG 1
-//! and 2 (folder or bundle), glTF, USD. Written: PLY, compressed PLY, SPZ, SOG, GLB and USD. Every reader sees one slice of bytes, checks counts against its
+//! and 2 (folder or bundle), glTF, USD. Written: PLY, compressed PLY, SPZ, SOG, glTF and USD. Every reader sees one slice of bytes, checks counts against its
 //! length before it allocates, and never panics.
 
 mod axes;

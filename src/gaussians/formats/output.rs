@@ -4,6 +4,7 @@ use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 use std::time::Duration;
 
 use super::Error;
@@ -104,11 +105,27 @@ fn behind_links(path: &Path) -> io::Result<PathBuf> {
 /// Largest number of links that are followed.
 const LINKS: usize = 32;
 
-/// End of a temporary file's name, after a dot, the file's own name, the writer's process and a number.
+/// End of a temporary file's name, after a dot, the file's own name, the writer's process, its host, where known, and a number.
 const TEMPORARY: &str = ".tmp";
 
-/// Longest name in bytes that a temporary file repeats whole: systems allow 255 in all, process, number and end included.
+/// Longest name in bytes that a temporary file repeats whole: systems allow 255 in all, the rest included.
 const REPEATED: usize = 200;
+
+/// The age from which a file is one of a killed writer, where its writer's process cannot be looked up.
+const OLD: Duration = Duration::from_secs(3600);
+
+/// The host since its start, and the container, as a number: within it, each process has a number of its own. `None` where /proc does
+/// not list all of these processes.
+static HOST: LazyLock<Option<u32>> = LazyLock::new(|| {
+    let own = fs::read_link("/proc/self").ok()?.to_str()?.parse::<u32>() == Ok(std::process::id());
+    // Mounted to hide other users' processes, /proc has no process 1 either.
+    if !own || !Path::new("/proc/1").exists() {
+        return None;
+    }
+    let boot = fs::read("/proc/sys/kernel/random/boot_id").ok()?;
+    let container = fs::read_link("/proc/self/ns/pid").ok()?;
+    Some(crc32([boot.as_slice(), container.as_os_str().as_encoded_bytes()]))
+});
 
 /// Begin of a temporary file's name. A longer name is cut, and its checksum tells it from others.
 fn hidden_prefix(name: &OsStr) -> String {
@@ -120,7 +137,8 @@ fn hidden_prefix(name: &OsStr) -> String {
     format!(".{begin}~{:08x}.", crc32([name.as_bytes()]))
 }
 
-/// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed.
+/// Removes the temporary files of [`write_atomically`] that writers of `path` left when they were killed. Files of living writers stay, also
+/// those of other nodes and containers that share the folder.
 pub fn remove_leftovers(path: &Path) {
     let Some(name) = path.file_name() else { return };
     let prefix = hidden_prefix(name);
@@ -128,31 +146,42 @@ pub fn remove_leftovers(path: &Path) {
         let found = entry.file_name();
         let found = found.to_string_lossy();
         let middle = found.strip_prefix(&prefix).and_then(|rest| rest.strip_suffix(TEMPORARY));
-        let writer = middle.and_then(|m| m.split_once('-')).filter(|(_, attempt)| attempt.parse::<u32>().is_ok());
-        if writer.is_some_and(|(process, _)| process.parse().is_ok_and(|id| is_gone(id, &entry))) {
+        if middle.and_then(writer).is_some_and(|writer| is_gone(writer, &entry)) {
             // A file that cannot be removed costs some space, nothing else.
             let _ = fs::remove_file(entry.path());
         }
     }
 }
 
-/// True if the process that wrote a temporary file has ended. Where processes are not listed in /proc, files of the last hour
-/// may still be written.
-fn is_gone(process: u32, file: &fs::DirEntry) -> bool {
-    if Path::new("/proc/self").exists() {
+/// The process and the host in a temporary file's name, of which `middle` follows the prefix.
+fn writer(middle: &str) -> Option<(u32, Option<u32>)> {
+    let (process, rest) = middle.split_once('-')?;
+    let (host, attempt) = match rest.split_once('-') {
+        Some((host, attempt)) => (Some(u32::from_str_radix(host, 16).ok()?), attempt),
+        None => (None, rest),
+    };
+    attempt.parse::<u32>().ok()?;
+    Some((process.parse().ok()?, host))
+}
+
+/// True if the process that wrote a temporary file has ended. A process of this host is looked up; of others, only the age of the file
+/// is known. This process's own number may be that of an earlier one, as in containers that are started again.
+fn is_gone((process, host): (u32, Option<u32>), file: &fs::DirEntry) -> bool {
+    if host.is_some() && host == *HOST && process != std::process::id() {
         return !Path::new("/proc").join(process.to_string()).exists();
     }
     let age = file.metadata().and_then(|m| m.modified()).ok().and_then(|written| written.elapsed().ok());
-    age.is_some_and(|age| age > Duration::from_secs(3600))
+    age.is_some_and(|age| age > OLD)
 }
 
 /// A new file in the folder of `path` that no other writer uses.
 fn create_beside(path: &Path) -> io::Result<(PathBuf, File)> {
     let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
+    let host = HOST.map(|host| format!("{host:08x}-")).unwrap_or_default();
+    let begin = format!("{}{}-{host}", hidden_prefix(name), std::process::id());
     let mut attempt = 0u32;
     loop {
-        let temporary =
-            path.with_file_name(format!("{}{}-{attempt}{TEMPORARY}", hidden_prefix(name), std::process::id()));
+        let temporary = path.with_file_name(format!("{begin}{attempt}{TEMPORARY}"));
         match OpenOptions::new().write(true).create_new(true).open(&temporary) {
             Ok(file) => return Ok((temporary, file)),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists && attempt < 1000 => attempt += 1,
@@ -197,16 +226,43 @@ mod tests {
     fn leftovers_of_one_file_go_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let own = format!(".a.ply.{}-0.tmp", std::process::id());
-        // No system numbers processes so high.
-        let dead = [".a.ply.4194305-0.tmp", ".a.ply.4294967295-12.tmp"];
-        let names = [dead[0], dead[1], ".a.ply.tmp", ".a.ply.x-1.tmp", ".b.ply.4194305-0.tmp", "a.ply", &own];
-        for name in names {
+        // No system numbers processes so high. Those of other nodes and containers cannot be looked up here.
+        let of_host = |host: u32| format!(".a.ply.4194305-{host:08x}-0.tmp");
+        let here = HOST.map_or_else(|| ".a.ply.4194305-2.tmp".to_owned(), of_host);
+        let there = of_host(HOST.map_or(7, |host| !host));
+        // Name, age in seconds, and whether it stays.
+        let files: [(&str, u64, bool); 12] = [
+            (".a.ply.4194305-0.tmp", 7200, false),
+            (".a.ply.4294967295-12.tmp", 7200, false),
+            (".a.ply.4194305-1.tmp", 60, true),
+            (&here, if HOST.is_some() { 0 } else { 7200 }, false),
+            (&there, 60, true),
+            (".a.ply.1-0000000a-0.tmp", 7200, false),
+            (".a.ply.tmp", 7200, true),
+            (".a.ply.x-1.tmp", 7200, true),
+            (".a.ply.1-x-1.tmp", 7200, true),
+            (".b.ply.4194305-0.tmp", 7200, true),
+            ("a.ply", 7200, true),
+            (&own, 0, true),
+        ];
+        for (name, age, _) in files {
             let file = File::create(folder.path().join(name)).unwrap();
-            file.set_modified(SystemTime::now() - Duration::from_secs(if name == own { 0 } else { 7200 })).unwrap();
+            file.set_modified(SystemTime::now() - Duration::from_secs(age)).unwrap();
         }
         remove_leftovers(&folder.path().join("a.ply"));
-        let left: Vec<bool> = names.iter().map(|name| folder.path().join(name).exists()).collect();
-        assert_eq!(left, [false, false, true, true, true, true, true]);
+        for (name, age, stays) in files {
+            assert_eq!(folder.path().join(name).exists(), stays, "{name} of {age} s");
+        }
+    }
+
+    /// A file that is being written bears the process and the host of its writer.
+    #[test]
+    fn writers_sign_their_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let (temporary, _file) = create_beside(&folder.path().join("a.ply")).unwrap();
+        let name = temporary.file_name().unwrap().to_str().unwrap();
+        let middle = name.strip_prefix(".a.ply.").and_then(|rest| rest.strip_suffix(TEMPORARY)).unwrap();
+        assert_eq!(writer(middle), Some((std::process::id(), *HOST)));
     }
 
     #[test]

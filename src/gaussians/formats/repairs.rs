@@ -89,8 +89,10 @@ pub(super) fn repair(model: &mut Gaussians) -> (Repairs, Vec<usize>) {
             repairs.short_quaternions += 1;
         }
     }
-    let removed = (0..bad.len()).filter(|i| bad[*i]).collect();
-    model.retain(|&i| !bad[i]);
+    let removed: Vec<usize> = (0..bad.len()).filter(|i| bad[*i]).collect();
+    if !removed.is_empty() {
+        model.compact(&bad.into_iter().map(|bad| !bad).collect::<Vec<_>>());
+    }
     for logit in model.opacity_logits.iter_mut().filter(|logit| logit.is_infinite()) {
         repairs.clamped_opacities += 1;
         *logit = OPACITY_LOGIT_LIMIT.copysign(*logit);

@@ -5,44 +5,8 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use super::{Format, Precision, RenderMode, georeference, gltf, ply, sog, usd, usual, write_atomically};
-use crate::extension::extension;
+use crate::extension::{extension, has_extension};
 use crate::gaussians::{Error, Gaussians};
-
-/// The format of a written file, by its name.
-#[derive(Clone, Copy)]
-pub(super) enum Written {
-    Ply,
-    CompressedPly,
-    Spz,
-    Sog,
-    Glb,
-    Usda,
-    Usdz,
-}
-
-impl Written {
-    pub(super) fn of(path: &Path) -> Result<Self, Error> {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-        Ok(match extension(path).as_str() {
-            "ply" if name.ends_with(".compressed.ply") => Self::CompressedPly,
-            "ply" => Self::Ply,
-            "spz" => Self::Spz,
-            "sog" => Self::Sog,
-            "glb" => Self::Glb,
-            "usda" => Self::Usda,
-            "usdz" => Self::Usdz,
-            _ => {
-                return Err(Error::Unsupported {
-                    path: path.to_owned(),
-                    what:
-                        "models are written as .ply, .compressed.ply, .spz, .sog, .glb, .usda or .usdz; give the output one of \
-                         these extensions"
-                            .into(),
-                });
-            }
-        })
-    }
-}
 
 /// The version of a written SPZ; both store the same values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -56,29 +20,37 @@ pub enum SpzVersion {
 
 /// Refuses a `path` whose extension no writer knows, before any work is done for it.
 pub fn check_output(path: &Path) -> Result<(), Error> {
-    Written::of(path).map(drop)
+    written_as(path).map(drop).ok_or_else(|| unwritten(path))
+}
+
+fn unwritten(path: &Path) -> Error {
+    let what = "models are written as .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda or .usdz; give the output one \
+                of these extensions";
+    Error::Unsupported { path: path.to_owned(), what: what.to_owned() }
 }
 
 /// The format of a file of this name; none if no writer knows its extension.
 pub fn written_as(path: &Path) -> Option<Format> {
-    Written::of(path).ok().map(|written| match written {
-        Written::Ply => Format::Ply,
-        Written::CompressedPly => Format::CompressedPly,
-        Written::Spz => Format::Spz,
-        Written::Sog => Format::Sog,
-        Written::Glb => Format::Gltf,
-        Written::Usda | Written::Usdz => Format::Usd,
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    Some(match extension(path).as_str() {
+        "ply" if name.ends_with(".compressed.ply") => Format::CompressedPly,
+        "ply" => Format::Ply,
+        "spz" => Format::Spz,
+        "sog" => Format::Sog,
+        "glb" | "gltf" => Format::Gltf,
+        "usda" | "usdz" => Format::Usd,
+        _ => return None,
     })
 }
 
 /// True for formats that store floats, so that their pictures are those of the model.
 pub fn is_exact(path: &Path) -> bool {
-    !matches!(Written::of(path), Ok(Written::CompressedPly | Written::Spz | Written::Sog))
+    !matches!(written_as(path), Some(Format::CompressedPly | Format::Spz | Format::Sog))
 }
 
-/// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.glb`, `.usda` or
-/// `.usdz` (exact but for rounding exponentials and unit quaternions), `.spz` (version 4), `.sog` or `.compressed.ply` (quantised as [`usual`]), completely or not
-/// at all; with the tag of `mode`. SOG and compressed PLY do not keep the order of the Gaussians, SOG not that of their axes either.
+/// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.glb`, `.gltf`, `.usda` or
+/// `.usdz` (exact but for rounding exponentials and unit quaternions), `.spz` (version 4), `.sog` or `.compressed.ply` (quantised
+/// as [`usual`]), completely or not at all; with the tag of `mode`. SOG and compressed PLY do not keep the order of the Gaussians, SOG not that of their axes either.
 ///
 /// Call [`refuse_overwrite`](super::refuse_overwrite) first where the model came from a file.
 ///
@@ -108,20 +80,23 @@ fn body<'a>(
 ) -> Result<Body<'a>, Error> {
     gaussians.validate()?;
     let how = || how.unwrap_or_else(|| (usual(path, gaussians), SpzVersion::default()));
-    let packed = match Written::of(path)? {
-        Written::Ply => return Ok(Box::new(move |out| ply::write(out, gaussians, mode, origin))),
-        Written::CompressedPly => return Ok(Box::new(move |out| ply::write_compressed(out, gaussians, mode, origin))),
-        Written::Usda => return Ok(Box::new(move |out| usd::write(out, gaussians, mode, origin))),
-        Written::Glb => match gltf::write(gaussians, mode, origin) {
+    let packed = match written_as(path) {
+        Some(Format::Ply) => return Ok(Box::new(move |out| ply::write(out, gaussians, mode, origin))),
+        Some(Format::CompressedPly) => {
+            return Ok(Box::new(move |out| ply::write_compressed(out, gaussians, mode, origin)));
+        }
+        Some(Format::Usd) if has_extension(path, &["usdz"]) => usd::package(gaussians, mode, origin),
+        Some(Format::Usd) => return Ok(Box::new(move |out| usd::write(out, gaussians, mode, origin))),
+        Some(Format::Gltf) => match gltf::write(gaussians, (mode, origin), has_extension(path, &["gltf"])) {
             Ok(body) => return Ok(Box::new(body)),
             Err(fault) => Err(fault),
         },
-        Written::Usdz => usd::package(gaussians, mode, origin),
-        Written::Spz => {
+        Some(Format::Spz) => {
             let (precision, version) = how();
             super::spz::pack(gaussians, mode, (version, precision.of_spz()))
         }
-        Written::Sog => sog::pack(gaussians, mode, &how().0.of_sog()),
+        Some(Format::Sog) => sog::pack(gaussians, mode, &how().0.of_sog()),
+        Some(Format::Splat | Format::Ksplat) | None => return Err(unwritten(path)),
     };
     let packed = packed.map_err(|fault| fault.at(path))?;
     Ok(Box::new(move |out| out.write_all(&packed)))

@@ -99,7 +99,7 @@ pub struct RunConfig {
     /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<String>,
-    /// Angle in degrees: panoramas are masked within it of straight down.
+    /// Angle in degrees: panoramas and wide fisheyes are masked within it of straight down.
     #[serde(default, skip_serializing_if = "is_none")]
     pub pole_mask: f64,
     /// Folder of depth maps with the photos' names; the scene's own if absent.
@@ -169,7 +169,7 @@ pub struct Selection {
     pub images: Option<PathBuf>,
     /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     pub resolution: Option<String>,
-    /// Angle in degrees: panoramas are masked within it of straight down.
+    /// Angle in degrees: panoramas and wide fisheyes are masked within it of straight down.
     #[serde(default, skip_serializing_if = "is_none")]
     pub pole_mask: f64,
     /// Folder of depth maps with the photos' names; the scene's own if absent.

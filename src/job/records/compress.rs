@@ -53,12 +53,30 @@ pub struct AimRecord {
     pub aim: Aim,
     /// The file chosen, before fine-tuning; its PSNR is of the views that files are compared by.
     pub chosen: Point,
-    /// Precision of its values.
+    /// The file written; absent without fine-tuning, where it is the one chosen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub written: Option<Point>,
+    /// The effect of fine-tuning on the file; absent without it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fine_tuning: Option<FineTuning>,
+    /// Precision of the values of the file written.
     pub precision: Precision,
     /// Rungs of the format's ladder of settings.
     pub rungs: usize,
     /// The files tried.
     pub tried: Vec<Point>,
+}
+
+/// The effect of fine-tuning on the file of a search.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FineTuning {
+    /// True if the tuned file was written; false if it was worse than the one without fine-tuning, which was written instead.
+    pub written: bool,
+    /// PSNR of the tuned file in dB, the mean of the held-out views, or, without any, of those that files are compared by; null if pictures are
+    /// equal.
+    pub psnr: f64,
+    /// The same of the file without fine-tuning.
+    pub psnr_without: f64,
 }
 
 /// Conditions of the measurement.

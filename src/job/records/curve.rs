@@ -3,7 +3,7 @@
 use super::{CompressProtocol, ModelFile};
 use crate::gpu::TunedDevice;
 use crate::metrics::Scores;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Quality against bytes.
 #[derive(Clone, Debug, Serialize)]
@@ -25,7 +25,7 @@ pub struct CurveRecord {
 }
 
 /// A file and its pictures.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FileRecord {
     /// The program that made it.
     pub tool: String,
@@ -40,6 +40,7 @@ pub struct FileRecord {
     /// Mean scores of the held-out views.
     pub scores: Scores,
     /// Bytes of each attribute, by name; empty for formats that keep a Gaussian's attributes together.
+    #[serde(skip_deserializing)]
     pub parts: Vec<(&'static str, u64)>,
 }
 

@@ -12,7 +12,7 @@ mod trial;
 pub use aim::{Aim, Point};
 pub use cameras::CameraErrors;
 pub use compress::{
-    AimRecord, CompressProtocol, CompressRecord, CompressTimes, ModelFile, StageScores, Truth, ViewStages,
+    AimRecord, CompressProtocol, CompressRecord, CompressTimes, FineTuning, ModelFile, StageScores, Truth, ViewStages,
 };
 pub use curve::{AttributeLoss, CurveRecord, FileRecord};
 pub use floaters::FloaterCounts;

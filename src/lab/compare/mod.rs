@@ -15,7 +15,7 @@ use crate::gaussians::resident::Resident;
 use crate::job::records::RunRecord;
 use crate::job::sealed::{open, seal};
 use crate::job::{Error, Output, RunConfig, Session};
-use crate::pipeline::active_run::ActiveRun;
+use crate::pipeline::active_run::{ActiveRun, tell_of_checkpoint};
 use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::evaluate::Evaluator;
 use crate::pipeline::prepare::{Prepared, crc32_of_file};
@@ -25,10 +25,16 @@ use crate::scene::median;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Writes `compare.html` of a comparison into its folder.
-pub fn write_page(compared: &CompareRecord, folder: &Path) -> Result<(), Error> {
-    Output::text(&folder.join("compare.html"), &page::page(compared, folder))
+/// Writes the figures of a comparison into its folder: `compare.json`, `compare.csv` and `compare.html`.
+pub fn write(compared: &CompareRecord, folder: &Path) -> Result<(), Error> {
+    let [json, csv, html] = FIGURES.map(|name| folder.join(name));
+    Output::json(&json, "compare.json", compared)?;
+    Output::text(&csv, &compared.csv())?;
+    Output::text(&html, &page::page(compared, folder))
 }
+
+/// The figures of a finished comparison.
+const FIGURES: [&str; 3] = ["compare.json", "compare.csv", "compare.html"];
 
 /// Number of rounds in which the arms' frame rates are measured in turn.
 const ROUNDS: usize = 5;
@@ -55,28 +61,48 @@ pub fn compare_seeds(
 ) -> Result<CompareRecord, Error> {
     let parts = of_seeds(shared, Some(seeds.max(1)), folder);
     let of_part = |k: usize| {
-        let (config, folder) = &parts[k];
-        session.watcher.note(&format!("seed {} ({} of {seeds})", config.seed, k + 1));
-        compare(session, config, arms, folder, resume)
+        session.watcher.note(&format!("seed {} ({} of {seeds})", parts[k].0.seed, k + 1));
+        part(session, arms, (&parts, k), (folder, Some(resume)))
     };
     let first = of_part(0)?;
     Ok(first.mean(&(1..parts.len()).map(of_part).collect::<Result<Vec<_>, _>>()?))
 }
 
 /// Compares `arms` on one scene with one seed; all results go to `folder`. With `resume`, finished parts of an earlier comparison
-/// with the same options are reused.
+/// with the same options are reused, and interrupted ones continued; `None` if none may continue this one later either.
 pub fn compare(
     session: &Session<'_>,
     shared: &RunConfig,
     arms: &[Arm],
     folder: &Path,
-    resume: bool,
+    resume: Option<bool>,
 ) -> Result<CompareRecord, Error> {
+    part(session, arms, (&of_seeds(shared, None, folder), 0), (folder, resume))
+}
+
+/// Compares `arms` with one seed: part `k` of a comparison in the folder `whole`. The first part of one that begins anew takes what is
+/// left of an earlier one: no part may continue from its checkpoints, and its figures would mark this one as finished.
+fn part(
+    session: &Session<'_>,
+    arms: &[Arm],
+    (parts, k): (&[(RunConfig, PathBuf)], usize),
+    (whole, resumes): (&Path, Option<bool>),
+) -> Result<CompareRecord, Error> {
+    let resume = resumes == Some(true);
+    let (shared, folder) = &parts[k];
     let output = Output::new(folder)?;
     let device = tuned(session, shared, &output, resume)?;
     let session = &Session { device: &device, ..*session };
     let (setup, start) = Setup::load(session, shared, &output, resume)?;
+    if !resume && k == 0 {
+        for (_, folder) in parts {
+            Output::new(folder)?.complete();
+        }
+    }
     setup.write_config(&start, &output)?;
+    for name in FIGURES {
+        let _ = std::fs::remove_file(whole.join(name));
+    }
     let iterations = setup.config.schedule.iterations;
     let prunes = setup.config.prune.as_ref().map(|p| p.iterations(iterations)).unwrap_or_default();
     let prune_point = prunes.first().copied().unwrap_or(iterations);
@@ -90,7 +116,14 @@ pub fn compare(
     let mut records = Vec::new();
     for arm in arms {
         session.watcher.note(&format!("{} ({} of {})", arm.name, records.len() + 1, arms.len()));
-        records.push(finish(&setup, arm, &fork, folder, resume)?);
+        let finished = finish(&setup, arm, &fork, folder, resume);
+        if let Err(error) = &finished
+            && resumes.is_some()
+            && !arm_output(folder, &arm.name)?.checkpoint().is_file()
+        {
+            tell_of_checkpoint(session.watcher, error, fork.snapshot.iteration);
+        }
+        records.push(finished?);
     }
     frame_rates(&setup, &mut records, folder)?;
     Ok(CompareRecord {
@@ -112,39 +145,50 @@ fn arm_output(folder: &Path, name: &str) -> Result<Output, Error> {
     Output::new(&folder.join("arms").join(Arm::folder(name)))
 }
 
-/// Takes one arm to its end, from the fork or from the beginning, or reuses its result from an earlier comparison.
+/// Takes one arm to its end, from the fork or from the beginning; or from its own checkpoint, if an earlier comparison was interrupted
+/// there; or reuses its result.
+///
+/// `arm.json` names the fork while the arm is trained, then also has the result.
 fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume: bool) -> Result<ArmRecord, Error> {
     let output = arm_output(folder, &arm.name)?;
     let gaussians = fork.snapshot.model.len();
     let config = arm.configuration(&setup.config, gaussians);
     let (config_text, file) = (config.written_in(output.folder())?, output.folder().join("arm.json"));
     let from = crc32(fork.snapshot.model.bytes());
-    if resume && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text) {
-        // A result that is unreadable, of another fork, or about another model is computed again.
-        let read = std::fs::read(&file).ok().and_then(|bytes| open(&bytes).ok());
-        let model = crc32_of_file(&output.model()).ok();
-        let record =
-            read.filter(|read| read["fork_crc32"] == from && model.is_some_and(|model| read["model_crc32"] == model));
-        if let Some(record) = record.and_then(|mut read| serde_json::from_value(read["record"].take()).ok()) {
-            return Ok(record);
-        }
+    // What is unreadable, or of another fork, is made again.
+    let read = if resume { std::fs::read(&file).ok().and_then(|bytes| open(&bytes).ok()) } else { None };
+    let read = read.filter(|read| read["fork_crc32"] == from);
+    if let Some(read) = &read
+        && std::fs::read_to_string(output.config()).is_ok_and(|text| text == config_text)
+        && crc32_of_file(&output.model()).is_ok_and(|model| read["model_crc32"] == model)
+        && let Ok(record) = serde_json::from_value(read["record"].clone())
+    {
+        output.complete();
+        return Ok(record);
     }
-    // From here on, the folder may hold files of two arms.
-    let _ = std::fs::remove_file(&file);
-    let start = if arm.grown == Grown::Together {
-        Start::Resumed(Box::new(fork.clone()))
+    let begun = |psnr_pruned: Option<f64>| {
+        Output::json(&file, "arm.json", &seal(json!({ "fork_crc32": from, "psnr_pruned": psnr_pruned })))
+    };
+    let own = read.as_ref().and_then(|_| Checkpoint::read(&output.checkpoint()).ok());
+    let own = own.filter(|own| own.notes.config == config_text);
+    let past = own.as_ref().is_some_and(|own| own.snapshot.iteration > fork.snapshot.iteration);
+    let mut psnr_pruned = read.filter(|_| past).and_then(|read| read["psnr_pruned"].as_f64());
+    let start = if let Some(own) = own {
+        setup.session.watcher.note(&format!("{} resumes after iteration {}", arm.name, own.snapshot.iteration));
+        Start::Resumed(Box::new(own))
     } else {
-        let Prepared { scene, train, .. } = &setup.prepared;
-        let pixels = train.iter().map(|p| p.camera.pixels()).max().unwrap_or(0);
-        Start::of(&config, scene, pixels)?
+        // From here on, the folder may hold files of two arms.
+        output.complete();
+        begun(None)?;
+        beginning(setup, arm, &config, fork)?
     };
     let mut run = ActiveRun::start(setup, &config, &output, start)?;
     run.train(fork.snapshot.iteration)?;
-    let mut psnr_pruned = None;
-    if arm.compression.is_some() && arm.twice.is_none() {
+    if !past && arm.compression.is_some() && arm.twice.is_none() {
         run.prune_now()?;
         if run.pruned() {
             psnr_pruned = run.psnr()?;
+            begun(psnr_pruned)?;
         }
     }
     run.train(config.schedule.iterations)?;
@@ -152,7 +196,18 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     Output::text(&output.config(), &config_text)?;
     let model = crc32_of_file(&output.model())?;
     Output::json(&file, "arm.json", &seal(json!({ "fork_crc32": from, "model_crc32": model, "record": record })))?;
+    output.complete();
     Ok(record)
+}
+
+/// The state that an arm begins with: the fork, or the beginning of the run.
+fn beginning(setup: &Setup<'_>, arm: &Arm, config: &RunConfig, fork: &Checkpoint) -> Result<Start, Error> {
+    if arm.grown == Grown::Together {
+        return Ok(Start::Resumed(Box::new(fork.clone())));
+    }
+    let Prepared { scene, train, .. } = &setup.prepared;
+    let pixels = train.iter().map(|p| p.camera.pixels()).max().unwrap_or(0);
+    Start::of(config, scene, pixels)
 }
 
 fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecord) -> ArmRecord {
@@ -160,10 +215,6 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
     ArmRecord {
         name: name.to_owned(),
         psnr: test.and_then(|t| t.psnr),
-        psnr_spread: None,
-        psnr_by_seed: Vec::new(),
-        psnr_by_view: Vec::new(),
-        paired: None,
         ssim: test.and_then(|t| t.ssim),
         lpips_vgg: test.and_then(|t| t.lpips_vgg),
         gaussians: run.gaussians.last,
@@ -175,6 +226,7 @@ fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecor
         prunes: run.prunes,
         cut: run.cut,
         views: run.views,
+        ..ArmRecord::default()
     }
 }
 

@@ -109,7 +109,7 @@ fn plots(compared: &CompareRecord) -> Markup {
     if lost.is_empty() {
         return absent("No view was held out, so quality was not measured.");
     }
-    side_by_side(&[bars("PSNR lost compared with the best arm / dB", &lost), speed.draw()])
+    side_by_side(&[bars("PSNR lost compared with the best arm / dB", &lost).figure(), speed.drawing().figure()])
 }
 
 fn pictures(choices: &[&str], views: &[View], stack: impl Fn(&View) -> Option<Stack>) -> Markup {

@@ -81,7 +81,6 @@ fn scores(arm: &ArmRecord) -> Vec<Vec<Option<f64>>> {
     arm.psnr_by_view.clone()
 }
 
-/// Mean of the values that there are.
 fn mean_of<'a>(values: impl Iterator<Item = &'a Option<f64>>) -> Option<f64> {
     mean(&values.copied().flatten().collect::<Vec<f64>>())
 }

@@ -52,7 +52,6 @@ pub struct Axis {
     /// Explanation if its rungs are equally accurate.
     #[serde(skip)]
     pub(super) flat_accuracy: &'static str,
-    /// The way to measure it.
     #[serde(skip)]
     pub(super) measure: Measure,
 }
@@ -74,7 +73,6 @@ impl Axis {
         !matches!(self.measure, Light(_))
     }
 
-    /// Checks that a name is one of its rungs.
     pub(super) fn check_rung(&self, name: &str) -> Result<(), String> {
         let there = || self.hint.map_or_else(|| format!("there are {}", self.rungs.join(", ")), ToOwned::to_owned);
         let refusal = || format!("axis {}: '{name}' is not a rung; {}", self.name, there());

@@ -51,7 +51,6 @@ fn conditions(context: &Context<'_>, resident: &Resident, basis: &Basis) -> Resu
     Ok((all.get(all.len() / 2).copied().unwrap_or(1.0), all.last().copied().unwrap_or(1.0)))
 }
 
-/// Measures the axis.
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Basis>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let resident = Resident::upload(context.session.device, &context.subject.model)?;
     let truth = kept(&study(context, &resident, &Basis { epsilon: LEAST, ..Basis::default() })?);

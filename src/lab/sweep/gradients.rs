@@ -2,7 +2,7 @@
 //! order.
 
 use super::records::{AxisRecord, figure};
-use super::rung::{Rung, Sums};
+use super::rung::Rung;
 use super::subject::Context;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
@@ -119,18 +119,16 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
     (f64::from(far) / f64::from(most), a.iter().zip(b).filter(|(a, b)| a.to_bits() != b.to_bits()).count())
 }
 
-/// Measures the axis.
-pub fn measure(context: &Context<'_>, rungs: &[Rung<Sums>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
+pub fn measure(context: &Context<'_>, rungs: &[Rung<bool>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let (device, subject) = (context.session.device, context.subject);
     let training = TrainingModel::new(device, &subject.model)?;
     let supported = AtomicSums::are_supported(device);
     let mut ways = Vec::new();
-    for Rung { name, value } in rungs {
-        let sums = match value {
-            Sums::Ordered => None,
-            Sums::Atomics if !supported => continue,
-            Sums::Atomics => Some(AtomicSums::new(device, training.model.len)?),
-        };
+    for Rung { name, value: atomics } in rungs {
+        if *atomics && !supported {
+            continue;
+        }
+        let sums = atomics.then(|| AtomicSums::new(device, training.model.len)).transpose()?;
         ways.push(Way { name: name.clone(), sums });
     }
     let bench = Bench::new(context, &training.model)?;

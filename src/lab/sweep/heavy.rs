@@ -69,7 +69,7 @@ pub fn forked(training: &Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord
     }
     let pruning = Pruning { compression: PruneRule::default(), ..training.pruning.clone() };
     let shared = training.config.clone().pruned(pruning);
-    let compared = compare(&training.session, &shared, &arms, &training.folder.join("fork"), false)?;
+    let compared = compare(&training.session, &shared, &arms, &training.folder.join("fork"), None)?;
     let seconds = begun.elapsed().as_secs_f64() / forks.len() as f64;
     let mut out = Vec::new();
     for (axis, rungs, time) in forks {
@@ -105,7 +105,6 @@ fn of_arm(mut rung: RungRecord, arm: &ArmRecord) -> RungRecord {
     rung
 }
 
-/// One whole run.
 fn whole(training: &Training<'_>, config: &RunConfig, name: &str) -> Result<RunRecord, Error> {
     training.session.watcher.unless_stopped()?;
     training.session.watcher.note(name);

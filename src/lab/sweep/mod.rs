@@ -26,8 +26,10 @@ use axis::Measure;
 use std::path::Path;
 use std::time::Instant;
 
-/// Writes `sweep.html` of a sweep into its folder.
-pub fn write_page(swept: &SweepRecord, folder: &Path) -> Result<(), Error> {
+/// Writes the figures of a sweep into its folder: `sweep.json`, `sweep.csv` and `sweep.html`.
+pub fn write(swept: &SweepRecord, folder: &Path) -> Result<(), Error> {
+    Output::json(&folder.join("sweep.json"), "sweep.json", swept)?;
+    Output::text(&folder.join("sweep.csv"), &swept.csv())?;
     Output::text(&folder.join("sweep.html"), &page::page(swept))
 }
 
@@ -39,15 +41,19 @@ pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>,
     Ok(Some(measured))
 }
 
-/// Measures the requested heavy axes: first those that share a checkpoint.
-pub fn heavy(training: &heavy::Training<'_>, asked: &[Asked]) -> Result<Vec<AxisRecord>, Error> {
-    let mut out = heavy::forked(training, asked)?;
+/// Measures the requested heavy axes: first those that share a checkpoint. `done` gets each as soon as it is measured.
+pub fn heavy(
+    training: &heavy::Training<'_>,
+    asked: &[Asked],
+    mut done: impl FnMut(AxisRecord) -> Result<(), Error>,
+) -> Result<(), Error> {
+    heavy::forked(training, asked)?.into_iter().try_for_each(&mut done)?;
     for asked in asked {
         if let Measure::Run(measure) = asked.axis.measure {
-            out.push(timed(asked.axis, |axis| measure(training, asked, axis))?);
+            done(timed(asked.axis, |axis| measure(training, asked, axis))?)?;
         }
     }
-    Ok(out)
+    Ok(())
 }
 
 /// The record of an axis that `by` fills in, judged, with the seconds that this took.

@@ -195,7 +195,6 @@ fn tables() -> [Table; 3] {
     })
 }
 
-/// Measures the axis.
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let blocks = blocks::sampled(model, Basis::default().partition);

@@ -8,7 +8,6 @@ use crate::report::page::{self, Section, absent, facts, list, side_by_side, tabl
 use crate::report::plot::{Accuracies, Axis as Scale, Front, Point};
 use maud::{Markup, html};
 
-/// The page of a sweep.
 pub fn page(swept: &SweepRecord) -> String {
     let mut sections = vec![Section::new("summary", "Cost of exactness", summary(swept))];
     for record in &swept.axes {
@@ -95,7 +94,7 @@ fn plot(record: &AxisRecord) -> Markup {
     let title = axis.abscissa.map_or(axis.time, |_| "median condition number of a block's Gram matrix");
     let x = if axis.abscissa.is_some() { Scale::new(title) } else { Scale::from_zero(title) };
     let (x, y) = (x.or_log(&xs), accuracies.axis(axis.accuracy));
-    Front { title: axis.title, x, y, legend: &legend, points }.draw()
+    Front { title: axis.title, x, y, legend: &legend, points }.drawing().figure()
 }
 
 fn rungs(record: &AxisRecord) -> Markup {

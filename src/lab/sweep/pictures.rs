@@ -74,7 +74,6 @@ fn compare(
     Ok(out)
 }
 
-/// The time of a frame.
 fn frame(context: &Context<'_>, renderer: &Renderer, model: &Resident, camera: &Camera) -> Result<Sample, Error> {
     let started = Instant::now();
     let timings = renderer.draw(model, camera)?;
@@ -87,7 +86,6 @@ fn crop(camera: &Camera, width: u32, height: u32) -> Camera {
     camera.part([(camera.width - width) / 2, (camera.height - height) / 2], [width, height])
 }
 
-/// Measures the axis of culling.
 pub fn culling(context: &Context<'_>, rungs: &[Rung<Culling>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let subject = context.subject;
     let model = Resident::upload(context.session.device, &subject.model)?;

@@ -113,6 +113,11 @@ impl RungRecord {
     fn seconds(&self) -> Option<f64> {
         self.time.map(|t| t.median)
     }
+
+    /// True if the difference of its time from another's may be noise.
+    fn overlaps(&self, other: &Self) -> bool {
+        self.time.zip(other.time).is_some_and(|(a, b)| a.samples > 1 && a.overlaps(&b))
+    }
 }
 
 /// A table beside an axis's plot.
@@ -223,8 +228,9 @@ impl AxisRecord {
             );
         }
         let from = default.seconds().unwrap_or(f64::NAN);
-        let faster =
-            others().filter(|(_, (_, time))| *time < (1.0 - ALIKE) * from).min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
+        let faster = others()
+            .filter(|(rung, (_, time))| *time < (1.0 - ALIKE) * from && !rung.overlaps(default))
+            .min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
         let rest = match faster {
             None => "no other is faster".to_owned(),
             Some((rung, _)) => format!(
@@ -245,7 +251,7 @@ impl AxisRecord {
         let figures = format!("{} instead of {} {}", figure(a.median), figure(b.median), self.axis.time);
         let words = match a.median / b.median {
             r if (1.0 - ALIKE..1.0 + ALIKE).contains(&r) => "takes equally long".to_owned(),
-            _ if a.samples > 1 && a.overlaps(&b) => "takes equally long within the spread".to_owned(),
+            _ if rung.overlaps(from) => "takes equally long within the spread".to_owned(),
             r if r >= 2.0 => format!("takes {r:.1} times as long"),
             r if r > 1.0 => format!("takes {:.0} % longer", 100.0 * (r - 1.0)),
             r => format!("takes {:.0} % less time", 100.0 * (1.0 - r)),
@@ -343,5 +349,15 @@ mod tests {
         assert_eq!(flat.flat.len(), 2, "{:?}", flat.flat);
         assert!(flat.sentence.starts_with("No rung is more exact"), "{}", flat.sentence);
         assert!(axis(&[("0", 4.0, 0.0)]).sentence.contains("was not among"));
+    }
+
+    #[test]
+    fn what_may_be_noise_is_not_called_faster() {
+        let mut axis = axis(&[("1e-4", 9.0, 0.0), ("1e-3", 7.0, 0.1)]);
+        assert!(axis.sentence.contains("1e-3, the most exact of the faster ones, takes 22 % less time"));
+        for rung in &mut axis.rungs {
+            rung.time = rung.time.map(|t| Spread { q1: t.median - 2.0, q3: t.median + 2.0, ..t });
+        }
+        assert!(axis.judged().sentence.ends_with("; no other is faster."));
     }
 }

@@ -51,16 +51,6 @@ pub(super) fn basis(name: &str) -> Option<Basis> {
     })
 }
 
-/// A rung of the axis of gradient sums.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sums {
-    /// In slot order: the same bits in every run.
-    Ordered,
-    /// By float atomics.
-    Atomics,
-}
-
-/// A rule of culling.
 pub(super) fn culling(name: &str) -> Option<Culling> {
     match name {
         "off" => Some(Culling::Off),
@@ -106,11 +96,11 @@ impl Solver {
     }
 }
 
-/// A kind of gradient sums.
-pub(super) fn sums(name: &str) -> Option<Sums> {
+/// True for gradient sums by float atomics, false for those in slot order, which have the same bits in every run.
+pub(super) fn sums(name: &str) -> Option<bool> {
     match name {
-        "ordered" => Some(Sums::Ordered),
-        "atomics" => Some(Sums::Atomics),
+        "ordered" => Some(false),
+        "atomics" => Some(true),
         _ => None,
     }
 }

@@ -140,7 +140,6 @@ impl<'a> Measured<'a> {
     }
 }
 
-/// Measures the axis.
 pub fn measure(context: &Context<'_>, rungs: &[Rung<Solver>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let model = &context.subject.model;
     let resident = Resident::upload(context.session.device, model)?;

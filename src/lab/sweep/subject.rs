@@ -11,6 +11,7 @@ use crate::pipeline::setup::Setup;
 use crate::pipeline::virtual_views::{self, VirtualCameras, VirtualViews};
 use crate::render::{Renderer, Settings, Style};
 use crate::response::{Responses, Wanted};
+use crate::sample::spread;
 use crate::scene::Photo;
 use crate::scene::camera::{self, Camera};
 use std::path::Path;
@@ -65,13 +66,6 @@ impl Subject {
     }
 }
 
-/// At most `count` items, at even steps.
-fn few<T>(all: Vec<T>, count: usize) -> Vec<T> {
-    let n = all.len();
-    let kept: Vec<usize> = (0..count.min(n)).map(|k| k * n / count.min(n)).collect();
-    all.into_iter().enumerate().filter(|(i, _)| kept.contains(i)).map(|(_, v)| v).collect()
-}
-
 /// The subject of a scene: a briefly trained model, or the given one, with responses from the training photos. It is
 /// stored in `folder`.
 pub fn of_scene(
@@ -99,7 +93,7 @@ pub fn of_scene(
     let subject = Subject {
         model,
         responses,
-        views: few(prepared.train.clone(), VIEWS),
+        views: spread(&prepared.train, VIEWS),
         settings: prepared.settings(config.style),
         described: Described::default(),
     };
@@ -129,7 +123,7 @@ pub fn of_model(
     let responses = virtual_views::responses(session, &resident, &cameras, None, settings, Wanted::CHANNELS)?;
     let mut renderer = Renderer::new(session.device, settings, model.len(), size.0, size.1)?;
     let mut views = Vec::new();
-    for camera in few(cameras, VIEWS) {
+    for camera in spread(&cameras, VIEWS) {
         let pixels = virtual_views::photo(&renderer.render(&resident, &camera)?);
         views.push(Photo::opaque(camera, pixels));
     }

@@ -14,7 +14,7 @@ use crate::gaussians::resident::Resident;
 use crate::job::config::ResponseSource;
 use crate::job::records::{AttritionRecord, CurvePoint};
 use crate::job::run_log::{LogLine, LoggedRates, RunLog};
-use crate::job::{Error, Output, RunConfig};
+use crate::job::{Error, Output, RunConfig, Watcher};
 use crate::qirf::select::budget::Keep;
 use crate::response::{Responses, Wanted};
 use crate::sample::evenly;
@@ -114,14 +114,10 @@ impl<'a> ActiveRun<'a> {
     pub fn train(&mut self, until: u32) -> Result<(), Error> {
         let trained = self.advance(until);
         // The model may be half-way through a change: its state is not written.
-        if let Err(Error::Device(error)) = &trained
-            && error.is_resources()
+        if let Err(error) = &trained
             && let Some(iteration) = self.saved.filter(|_| self.output.checkpoint().is_file())
         {
-            self.setup.session.watcher.note(&format!(
-                "the checkpoint of iteration {iteration} remains: where the device has more room, the same command continues \
-                 from it (`run` and `compare` with --resume)"
-            ));
+            tell_of_checkpoint(self.setup.session.watcher, error, iteration);
         }
         trained
     }
@@ -326,6 +322,16 @@ impl<'a> ActiveRun<'a> {
     pub fn checkpoint(&self) -> Result<Checkpoint, Error> {
         let notes = RunNotes { elapsed: self.setup.elapsed(), ..self.notes.clone() };
         Checkpoint::new(self.trainer.snapshot()?, notes)
+    }
+}
+
+/// Tells that the checkpoint of an iteration remains, if `error` is a lack of device memory.
+pub fn tell_of_checkpoint(watcher: &dyn Watcher, error: &Error, iteration: u32) {
+    if matches!(error, Error::Device(error) if error.is_resources()) {
+        watcher.note(&format!(
+            "the checkpoint of iteration {iteration} remains: where the device has more room, the same command continues from it \
+             (`run` and `compare` with --resume)"
+        ));
     }
 }
 

@@ -303,7 +303,8 @@ impl<'a> Fitter<'a> {
         let packed = files.take(chosen.rung, chosen.gaussians)?;
         let merged = self.sequence.pairs(self.model, &self.responses.scores, chosen.gaussians);
         let plan = prune::of_pairs(merged, self.responses, begun);
-        let record = AimRecord { aim, chosen, precision: files.rungs[chosen.rung], rungs: files.rungs.len(), tried };
+        let (precision, rungs) = (files.rungs[chosen.rung], files.rungs.len());
+        let record = AimRecord { aim, chosen, written: None, fine_tuning: None, precision, rungs, tried };
         Ok(Fitted { plan, packed, record })
     }
 }
@@ -340,14 +341,15 @@ pub fn packed(
 }
 
 /// Packs a model into at most `most` bytes of file, at the finest possible settings. If even the coarsest settings need more,
-/// Gaussians with the smallest contributions are removed. `near` is a rung whose file has about this size.
+/// Gaussians with the smallest contributions are removed. `near` is a rung whose file has about this size. Also returns the rung and its
+/// settings.
 pub fn within(
     model: &mut Gaussians,
     mode: RenderMode,
     most: u64,
     near: usize,
     target: &Target<'_>,
-) -> Result<Vec<u8>, Error> {
+) -> Result<(Vec<u8>, usize, Precision), Error> {
     let Ladder { rungs, steps } = target.ladder(model).to_search(model.degree());
     let order = by_what_shows(model);
     // Those with the largest contributions, in the model's order.
@@ -364,7 +366,7 @@ pub fn within(
         *model = most;
     }
     up_to(model, precision);
-    Ok(packed)
+    Ok((packed, rung, precision))
 }
 
 /// The indices of the Gaussians in descending order of opacity times area.

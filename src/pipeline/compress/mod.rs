@@ -8,6 +8,7 @@ pub mod remarks;
 pub(crate) mod scoring;
 pub mod stages;
 pub(crate) mod train;
+mod tuned;
 pub(crate) mod views;
 
 pub use config::{CompressConfig, ViewSource};
@@ -15,7 +16,7 @@ pub use config::{CompressConfig, ViewSource};
 use super::prune::{self, PruneRequest};
 use super::virtual_views::ALL;
 use crate::gaussians::{Gaussians, formats};
-use crate::job::records::{Aim, CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
+use crate::job::records::{Aim, AimRecord, CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
 use crate::job::{Error, Session};
 use crate::metrics::{self, Scores};
 use crate::qirf::select::Selector;
@@ -23,6 +24,7 @@ use fit::{Fitted, Fitter, Judge, Target};
 use scoring::Scoring;
 use std::path::Path;
 use std::time::Instant;
+use tuned::Packed;
 use views::Views;
 
 /// A model, the file it was read from, and the time of reading.
@@ -138,25 +140,27 @@ fn reduce(
     let after = scoring.scores_of(&model)?;
 
     let tuning = Instant::now();
-    let mut tuned = Vec::new();
+    let (mut tuned, mut untuned) = (Vec::new(), None);
     if config.fine_tune > 0 {
-        model = train::fine_tune(session, &model, &views, config)?;
+        let trained = train::fine_tune(session, &model, &views, config)?;
+        untuned = Some(std::mem::replace(&mut model, trained)).filter(|_| fitted.is_some());
         time.fine_tune_s = seconds(tuning);
         tuned = scoring.scores_of(&model)?;
     }
     watcher.unless_stopped()?;
     let writing = Instant::now();
     let unpacked = if tuned.is_empty() { &after } else { &tuned };
-    let psnr = metrics::mean(unpacked).and_then(|scores| scores.psnr);
-    let (packed, aim) = match fitted {
-        Some((packed, record)) if tuned.is_empty() => (Some(packed), Some(record)),
-        Some((packed, record)) => {
-            let most = if let Aim::Bytes(size) = record.aim { size } else { target.length(&packed) };
-            (Some(fit::within(&mut model, config.style.mode(), most, record.chosen.rung, target)?), Some(record))
+    let (packed, written, aim) = match (fitted, untuned, judge.as_ref()) {
+        (Some((bytes, mut record)), Some(before), Some(judge)) => {
+            let scores = of_file(&mut scoring, Some(&bytes), target, &after)?;
+            let before = Packed { model: before, bytes, scores };
+            let to = (target, config.style.mode());
+            let file = tuned::better(&mut scoring, judge, before, model, &mut record, to)?;
+            model = file.model;
+            (Some(file.bytes), file.scores, Some(record))
         }
-        None => (fit::packed(judge.as_ref(), &model, config, psnr, target)?, None),
+        (fitted, _, judge) => pack(&mut scoring, judge, (&model, config), fitted, target, unpacked)?,
     };
-    let written = of_file(&mut scoring, packed.as_deref(), target, unpacked)?;
     time.evaluate_s = scoring.seconds;
     time.write_s = seconds(writing);
     time.total_s = read_s + seconds(begun);
@@ -177,6 +181,27 @@ fn reduce(
         memory: session.memory(views.estimated_bytes),
     };
     Ok(Reduced { record, model, packed })
+}
+
+/// The bytes of a file in a format that is packed, its scores, and the search that found it.
+type PackedFile = (Option<Vec<u8>>, Vec<Scores>, Option<AimRecord>);
+
+/// Packs a model whose pictures have the scores `unpacked`, unless a search has packed it.
+fn pack(
+    scoring: &mut Scoring<'_>,
+    judge: Option<&Judge<'_>>,
+    (model, config): (&Gaussians, &CompressConfig),
+    fitted: Option<(Vec<u8>, AimRecord)>,
+    target: &Target<'_>,
+    unpacked: &[Scores],
+) -> Result<PackedFile, Error> {
+    let (mut packed, aim) = fitted.unzip();
+    if packed.is_none() {
+        let psnr = metrics::mean(unpacked).and_then(|scores| scores.psnr);
+        packed = fit::packed(judge, model, config, psnr, target)?;
+    }
+    let written = of_file(scoring, packed.as_deref(), target, unpacked)?;
+    Ok((packed, written, aim))
 }
 
 /// Scores of a packed model; `unpacked` if its format stores floats.

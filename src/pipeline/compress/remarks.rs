@@ -3,7 +3,7 @@
 use super::fit::megabytes;
 use crate::extension::has_extension;
 use crate::gaussians::formats;
-use crate::job::records::{Aim, CompressRecord};
+use crate::job::records::{Aim, CompressRecord, FineTuning};
 use crate::metrics::Scores;
 use std::path::Path;
 
@@ -23,7 +23,7 @@ pub enum Remark {
     Warning(String),
 }
 
-/// Where a file has more or less than was requested; without a request, whether packing ruined it.
+/// Where a file has more or less than was requested, or lacks its fine-tuning; without a request, whether packing ruined it.
 pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
     let CompressRecord { aim, input, output, test, .. } = figures;
     let of_aim = match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
@@ -53,11 +53,17 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
         ))),
         _ => None,
     };
+    let tuned = aim.as_ref().and_then(|aim| aim.fine_tuning).filter(|tuning| !tuning.written);
+    let left_out = tuned.map(|FineTuning { psnr, psnr_without, .. }| {
+        let without = if psnr_without.is_finite() { format!("{psnr_without:.2}") } else { "equal pictures".to_owned() };
+        Remark::Note(format!("fine-tuning made the file worse ({psnr:.2} dB, {without} without), so it was left out"))
+    });
     let psnr = |scores: &Option<Scores>| scores.as_ref().map(|scores| scores.psnr.unwrap_or(f64::INFINITY));
     let packing = psnr(test.fine_tuned.as_ref().map_or(&test.pruned, |_| &test.fine_tuned)).zip(psnr(&test.written));
     let ruined = packing.filter(|(before, written)| aim.is_none() && before - written > PACKED);
     let clipped = formats::clip_warning(&output.path, figures.clipped).map(Remark::Warning);
-    of_aim.into_iter().chain(ruined.and_then(|(_, written)| poor(&output.path, written))).chain(clipped).collect()
+    let notes = of_aim.into_iter().chain(left_out);
+    notes.chain(ruined.and_then(|(_, written)| poor(&output.path, written))).chain(clipped).collect()
 }
 
 /// The warning of a poor copy, with the PSNR of its pictures.

@@ -104,8 +104,8 @@ impl Views {
 
     /// These needs with those of the compression's options.
     fn with_config(needs: CompressNeeds, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
-        let (wanted, solver) = (config.compression.selector.reads(), config.compression.basis.solver);
-        CompressNeeds { wanted, solver, style: config.style, trained: trained(config, model), ..needs }
+        let (wanted, basis) = (config.compression.selector.reads(), config.compression.basis.clone());
+        CompressNeeds { wanted, basis, style: config.style, trained: trained(config, model), ..needs }
     }
 
     fn of_model<'m>(

@@ -10,6 +10,7 @@ use crate::pipeline::budget;
 use crate::pipeline::depth::DepthPainter;
 use crate::pipeline::draw_source::DrawSource;
 use crate::render::{Painter, Settings};
+use crate::sample::spread;
 use crate::scene::{Photo, camera, median};
 
 /// Largest number of held-out views that are looked at, evenly spread.
@@ -31,11 +32,11 @@ pub fn camera_errors(
             usable.push(photo);
         }
     }
-    let count = usable.len().min(VIEWS);
+    let photos = spread(&usable, VIEWS);
+    let count = photos.len();
     if count == 0 || model.is_empty() {
         return Ok(None);
     }
-    let photos: Vec<&Photo> = (0..count).map(|k| usable[k * usable.len() / count]).collect();
     let size = camera::largest(photos.iter().map(|photo| &photo.camera));
     let whole = budget::for_pictures(session.device, model, size, settings.style)?.whole;
     let depths = {

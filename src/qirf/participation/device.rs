@@ -51,11 +51,6 @@ fn floats(batch: &Batch) -> usize {
 }
 
 impl Assembly<'_> {
-    /// Bytes of solutions read back, all batches together.
-    pub fn solutions_read_back(&self) -> u64 {
-        self.batches().iter().map(|b| 4 * floats(b) as u64).sum()
-    }
-
     /// Assembles and solves every batch on the device, and calls `body` with the number and the solution of each block,
     /// in order, while the device works on the next batch. Returns the device times.
     ///

@@ -6,7 +6,7 @@
 
 pub mod device;
 
-use super::assemble::unpack_lower;
+use super::assemble::symmetric;
 use super::dense::{Library, Real, serving};
 use super::{CHANNELS, Row};
 use crate::wording::named;
@@ -312,8 +312,7 @@ fn columns<T: Real>(w: &[Row]) -> Vec<T> {
 fn generalized(metric: &Gram, density: &[f32], tau: f64) -> Option<(Participation, Factor)> {
     let m = metric.m;
     assert_eq!(density.len(), m * (m + 1) / 2, "P of {m} members");
-    let mut p = vec![0.0; m * m];
-    unpack_lower(m, density, &mut p);
+    let mut p: Vec<f64> = symmetric(m, density);
     let mut b = metric.values.clone();
     let ascending = metric.library.sygvd(m, &mut p, &mut b)?;
     let descending: Vec<f64> = ascending.iter().rev().map(|l| l.max(0.0)).collect();

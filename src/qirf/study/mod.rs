@@ -10,7 +10,7 @@ use super::participation::Eigensolver;
 use super::partition::{Partition, Partitioned};
 use super::rrdm::Density;
 use super::select::budget::{self, Budget, Choice, Keep, Safeguard};
-use super::select::detail::{self, Exponents, Inputs};
+use super::select::detail;
 use super::select::{Ranking, Selector, Statistics};
 use super::{CHANNELS, normalise};
 use crate::gaussians::Gaussians;
@@ -40,10 +40,18 @@ pub type Result<T> = std::result::Result<T, Error>;
 /// model.
 const BATCH_BYTES: usize = 16 << 20;
 
-/// Peak device memory, in bytes, of a study of `n` Gaussians by `solver` and of the preceding pass for `wanted`.
-pub fn bytes(n: usize, wanted: Wanted, solver: Eigensolver) -> u64 {
-    let density = Density { full: solver == Eigensolver::Dsygvd, ..Density::default() };
-    let batches = Options { batch_bytes: BATCH_BYTES, density: Some(density), ..Options::default() };
+/// Blocks are counted as no smaller than this: what each has besides its matrices counts most for small ones.
+const SMALL_BLOCK: usize = 32;
+
+/// Peak device memory, in bytes, of a study of `n` Gaussians by the blocks and the solver of `basis`, and of the preceding pass for `wanted`.
+pub fn bytes(n: usize, wanted: Wanted, basis: &Basis) -> u64 {
+    let (Partition::Paper { cap: most, .. } | Partition::Adaptive { most, .. }) = basis.partition;
+    let most = most.clamp(SMALL_BLOCK, n.max(SMALL_BLOCK));
+    // Triangles of m (m + 1) / 2 floats: those of n Gaussians, or a batch; a batch holds one block at least.
+    let triangles = |gaussians: usize| (size_of::<f32>() * gaussians.div_ceil(2)).saturating_mul(most + 1);
+    let batch_bytes = triangles(n).min(BATCH_BYTES.max(triangles(most)));
+    let density = Density { full: basis.solver == Eigensolver::Dsygvd, ..Density::default() };
+    let batches = Options { batch_bytes, density: Some(density), ..Options::default() };
     Assembly::bytes(n, &batches).max(wanted.bytes(n))
 }
 
@@ -126,8 +134,6 @@ pub struct Study {
     pub detail: Vec<f64>,
     /// Times of the parts.
     pub seconds: Seconds,
-    /// Bytes of matrices and solutions read back from the device.
-    pub read_back: u64,
     dilation: f32,
 }
 
@@ -138,10 +144,6 @@ pub struct Merging {
     pub accepted: usize,
     /// Blocks left unchanged, because merging would not have lowered the error.
     pub refused: usize,
-}
-
-fn channel(rows: &[[f32; CHANNELS]], c: usize) -> Vec<f32> {
-    rows.iter().map(|row| row[c]).collect()
 }
 
 /// A model, on the device and on the host, and the responses of its Gaussians.
@@ -182,14 +184,13 @@ impl Study {
         let seconds = Seconds { partition: begun.elapsed().as_secs_f64(), ..Seconds::default() };
         let of_blocks: Vec<Selector> = selectors.iter().copied().filter(|s| s.reads_blocks()).collect();
         let mut study = Self {
-            detail: detail_scores(model, responses),
+            detail: detail::scores(model, &responses.channels),
             dilation,
             rankings: Vec::new(),
             solver: (!of_blocks.is_empty()).then_some(basis.solver),
             collected: Collected::new(&partitioned.blocks, &of_blocks),
             partitioned,
             seconds,
-            read_back: 0,
         };
         if !of_blocks.is_empty() {
             study.solve(device, observed, basis, of_blocks, &rows)?;
@@ -248,12 +249,26 @@ pub fn dilation(model: &Gaussians, share: f64) -> f32 {
     (share * f64::from(median).exp()) as f32
 }
 
-fn detail_scores(model: &Gaussians, responses: &Responses) -> Vec<f64> {
-    let inputs = Inputs {
-        gradient: &channel(&responses.channels, 4),
-        visibility: &channel(&responses.channels, 0),
-        log_scales: &model.log_scales,
-        opacity_logits: &model.opacity_logits,
-    };
-    detail::scores(&inputs, Exponents::default())
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::qirf::plan::triangle;
+
+    #[test]
+    fn small_models_need_little_and_no_batch_needs_more_than_estimated() {
+        let one_block = Partition::Adaptive { mean: 1 << 13, least: 1, most: 1 << 13 };
+        for partition in [Partition::ADAPTIVE, Partition::PAPER, one_block] {
+            let basis = Basis { partition, ..Basis::default() };
+            for n in [1_u16, 20, 600, 4_000] {
+                let positions: Vec<[f32; 3]> = (0..n).map(|i| [1e-5 * f32::from(i), 0.0, 0.0]).collect();
+                let blocks = partition.of(&positions).blocks;
+                let entries = (0..blocks.len()).map(|b| triangle(blocks.block(b).len()));
+                let largest = entries.clone().max().unwrap_or(0);
+                let batch = 4 * entries.sum::<usize>().min(largest.max(BATCH_BYTES / 4));
+                let bytes = bytes(usize::from(n), Wanted::CHANNELS, &basis);
+                assert!(bytes >= 3 * batch as u64, "{partition:?}, {n}: {bytes}, {batch}");
+                assert!(partition != Partition::ADAPTIVE || bytes < 2_000 * u64::from(n) + 100_000, "{n}: {bytes}");
+            }
+        }
+    }
 }

@@ -104,7 +104,6 @@ impl Study {
             Ok(())
         })?;
         self.seconds.add(&timings);
-        self.read_back += assembly.solutions_read_back();
         self.collected.fallbacks += failed.len();
         Ok(failed)
     }
@@ -120,7 +119,6 @@ impl Study {
         let collected = &mut self.collected;
         let mut solve_s = 0.0;
         let assembly = job.assembly(&blocks, self.dilation)?;
-        self.read_back += assembly.read_back();
         let timings = assembly.for_each(|batch| -> Result<()> {
             let started = Instant::now();
             let batch: Vec<_> = batch.iter().collect();

@@ -27,12 +27,7 @@ pub struct Bar {
 }
 
 /// Bars below each other, in the given order, each under its label and its value; the longest takes the full width.
-pub fn bars(title: &str, bars: &[Bar]) -> Markup {
-    drawing_of_bars(title, bars).figure()
-}
-
-/// Like `bars`, for a page or a sheet.
-pub fn drawing_of_bars(title: &str, bars: &[Bar]) -> Drawing {
+pub fn bars(title: &str, bars: &[Bar]) -> Drawing {
     let positive = |v: f64| if v.is_finite() { v.max(0.0) } else { 0.0 };
     let longest = bars.iter().map(|b| positive(b.value)).fold(0.0, f64::max);
     let drawing = html! {

@@ -4,7 +4,7 @@
 use super::frame::{Frame, SIZE};
 use super::scale::Axis;
 use super::{Drawing, colour, point, px};
-use maud::{Markup, html};
+use maud::html;
 
 /// Distance of the baselines of two labels, of a label's baseline above its point, and of its beginning beside the point, in pixels.
 const LINE: f64 = 15.0;
@@ -76,11 +76,6 @@ pub struct Front<'a> {
 }
 
 impl Front<'_> {
-    /// The plot.
-    pub fn draw(&self) -> Markup {
-        self.drawing().figure()
-    }
-
     /// The plot, for a page or a sheet.
     pub fn drawing(&self) -> Drawing {
         let shown = |p: &&Point| self.x.shows(p.at[0]) && (self.y.shows(p.at[1]) || self.y.exact(p.at[1]));
@@ -171,9 +166,9 @@ mod tests {
     fn whatever_comes_is_drawn() {
         let points = [[0.0, 1.0], [f64::NAN, 0.0], [3.0, f64::INFINITY], [2.0, 5.0]].map(|at| point("<a>", at)).into();
         let front = |points| Front { title: "t", x: Axis::log("x"), y: Axis::new("y"), legend: &["a", "b"], points };
-        let text = front(points).draw().into_string();
+        let text = front(points).drawing().figure().into_string();
         assert!(!text.contains("NaN") && !text.contains("inf") && text.contains("&lt;a&gt;"), "{text}");
-        assert!(front(Vec::new()).draw().into_string().contains("svg"));
+        assert!(front(Vec::new()).drawing().figure().into_string().contains("svg"));
     }
 
     #[test]
@@ -183,7 +178,7 @@ mod tests {
             let at = [measured.first().copied(), None].map(|a| accuracies.place(a, true)).into_iter().flatten();
             let points = at.map(|y| point("a", [1.0, y])).collect();
             let front = Front { title: "t", x: Axis::new("x"), y: accuracies.axis("y"), legend: &[], points };
-            front.draw().into_string()
+            front.drawing().figure().into_string()
         };
         for (measured, lower, row, number) in [(&[59.0][..], false, 40.0, "60"), (&[1e-3], true, 234.0, "0.001")] {
             let text = draw(measured, lower);

@@ -4,7 +4,7 @@ use super::frame::{Frame, SIZE};
 use super::scale::Axis;
 use super::{Drawing, colour, point, px};
 use crate::report::format::short;
-use maud::{Markup, html};
+use maud::html;
 
 /// A named series of points.
 pub struct Line<'a> {
@@ -37,11 +37,6 @@ pub struct Lines<'a> {
 }
 
 impl Lines<'_> {
-    /// The plot.
-    pub fn draw(&self) -> Markup {
-        self.drawing().figure()
-    }
-
     /// The plot, for a page or a sheet.
     pub fn drawing(&self) -> Drawing {
         // Zeros on a logarithmic axis are not exact results here.

@@ -8,7 +8,7 @@ mod lines;
 mod scale;
 mod sheet;
 
-pub use bars::{Bar, Columns, bars, drawing_of_bars};
+pub use bars::{Bar, Columns, bars};
 pub use front::{Accuracies, Front, Point};
 pub use lines::{Line, Lines, Mark};
 pub use scale::Axis;

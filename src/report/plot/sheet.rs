@@ -99,12 +99,12 @@ fn style() -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Axis, Bar, Line, Lines, drawing_of_bars};
+    use super::super::{Axis, Bar, Line, Lines, bars};
     use super::*;
 
     #[test]
     fn a_sheet_stands_alone() {
-        let bars = drawing_of_bars("<bars>", &[Bar { name: "a & b".into(), value: 1.0, text: "1".into() }]);
+        let bars = bars("<bars>", &[Bar { name: "a & b".into(), value: 1.0, text: "1".into() }]);
         let line = |name| Line { name, points: vec![[0.0, 1.0], [2.0, f64::NAN], [3.0, 4.0]] };
         let (x, y) = (Axis::new("x"), Axis::from_zero("y"));
         let lines = Lines { title: "lines", x, y, lines: vec![line("one"), line("two")], marks: Vec::new() }.drawing();

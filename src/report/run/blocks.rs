@@ -106,5 +106,5 @@ fn times(s: &PruneSeconds) -> Markup {
     ];
     let taken = named.into_iter().filter(|(_, value)| *value > 0.0);
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };
-    bars("Time of the blocks", &taken.map(bar).collect::<Vec<_>>())
+    bars("Time of the blocks", &taken.map(bar).collect::<Vec<_>>()).figure()
 }

@@ -116,7 +116,6 @@ pub fn guards(results: &RunRecord) -> Markup {
     table(&[Column::Text("repaired, skipped or left out"), Column::Number("count"), Column::Text("which")], &rows, None)
 }
 
-/// Device memory.
 pub fn memory(results: &RunRecord) -> Markup {
     let m = results.memory;
     facts(&[

@@ -88,5 +88,5 @@ fn times(s: &PruneSeconds) -> Markup {
     // Selectors that form no blocks have no times of blocks.
     let taken = named.into_iter().filter(|(_, value)| *value > 0.0);
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };
-    bars(&format!("Time of the prune: {}", seconds(s.total)), &taken.map(bar).collect::<Vec<_>>())
+    bars(&format!("Time of the prune: {}", seconds(s.total)), &taken.map(bar).collect::<Vec<_>>()).figure()
 }

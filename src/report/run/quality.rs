@@ -47,7 +47,7 @@ pub fn body(results: &RunRecord) -> Markup {
     let finite = results.camera_errors.filter(|errors| errors.fitted_psnr.is_finite());
     let cameras = finite.as_ref().map(moved);
     html! {
-        (side_by_side(&[psnr.draw(), gaussians.draw()]))
+        (side_by_side(&[psnr, gaussians].map(|plot| plot.drawing().figure())))
         @if let Some(past) = past { p { (past) } }
         @if let Some(cameras) = cameras { p { (cameras) } }
     }

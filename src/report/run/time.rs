@@ -25,9 +25,9 @@ pub fn body(results: &RunRecord) -> Markup {
             figure class="plot" { figcaption { "Training by stage" } (absent("This device has no timestamps.")) }
         }
     } else {
-        bars("Training by stage, device time since the last start", &shares(&stages))
+        bars("Training by stage, device time since the last start", &shares(&stages)).figure()
     };
-    side_by_side(&[bars("The whole run", &shares(&whole)), device])
+    side_by_side(&[bars("The whole run", &shares(&whole)).figure(), device])
 }
 
 fn shares(named: &[(&str, f64)]) -> Vec<Bar> {

@@ -9,8 +9,10 @@ use super::names::{Named, belongs_to, key, last, number};
 use crate::scene::View;
 use crate::wording::counted;
 
-/// Extensions of depth maps; `render --depth` writes the first.
-const EXTENSIONS: [&str; 7] = ["depth.npy", "npy", "depth.png", "png", "exr", "tif", "tiff"];
+/// Extensions of depth maps; `render --depth` writes the first. COLMAP writes the last two: depths on which photos agree come before those
+/// of each photo alone.
+const EXTENSIONS: [&str; 9] =
+    ["depth.npy", "npy", "depth.png", "png", "exr", "tif", "tiff", "geometric.bin", "photometric.bin"];
 
 /// The depth maps in a folder.
 pub(super) struct DepthMaps {
@@ -86,5 +88,8 @@ fn as_png(path: &Path) -> String {
 pub fn unread_depth_map(map: &Path) -> Option<String> {
     let extension = extension(map);
     let what = if extension.is_empty() { "of an unknown format".to_owned() } else { format!(".{extension}") };
-    (!has_extension(map, &EXTENSIONS)).then(|| format!("is {what}, which is not read: save as .npy"))
+    let name = map.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let is_read =
+        EXTENSIONS.iter().any(|extension| name.strip_suffix(extension).is_some_and(|stem| stem.ends_with('.')));
+    (!is_read).then(|| format!("is {what}, which is not read: save as .npy"))
 }

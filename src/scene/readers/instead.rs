@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use super::files::{child, inside};
-use super::kinds::{is_archive_name, is_unstitched_name, is_video_name};
+use super::kinds::{self, ARCHIVES, VIDEOS};
 use super::names::is_result;
 use super::tree::{PhotoTree, unread};
+use crate::extension::has_extension;
 
 const UNSTITCHED: &str =
     "a 360° camera's own file: export it as an equirectangular video, and give that with --panoramas";
@@ -17,11 +18,11 @@ pub fn instead(path: &Path) -> Option<String> {
 }
 
 fn of_file(path: &Path) -> Option<String> {
-    if is_archive_name(path) {
+    if has_extension(path, &ARCHIVES) {
         Some("it is an archive: unpack it and give its folder".to_owned())
-    } else if is_unstitched_name(path) {
+    } else if has_extension(path, &kinds::UNSTITCHED) {
         Some(format!("it is {UNSTITCHED}"))
-    } else if is_video_name(path) {
+    } else if has_extension(path, &VIDEOS) {
         Some("it is a video, without poses: `run` and `pose` take it and estimate them".to_owned())
     } else {
         super::foreign::file(path)
@@ -38,13 +39,13 @@ fn of_folder(folder: &Path) -> Option<String> {
         return Some(format!("it holds {photos}"));
     }
     let files = inside(folder);
-    let first = |is: fn(&Path) -> bool| files.iter().find(|path| path.is_file() && is(path));
+    let first = |known: &[&str]| files.iter().find(|path| path.is_file() && has_extension(path, known));
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    if let Some(video) = first(is_video_name) {
+    if let Some(video) = first(&VIDEOS) {
         return Some(format!("it holds no photos, but a video: give `run` or `pose` {}", video.display()));
     }
-    if let Some(file) = first(is_unstitched_name) {
+    if let Some(file) = first(&kinds::UNSTITCHED) {
         return Some(format!("it holds {}, {UNSTITCHED}", name(file)));
     }
-    first(is_archive_name).map(|archive| format!("it holds an archive: unpack {}", name(archive)))
+    first(&ARCHIVES).map(|archive| format!("it holds an archive: unpack {}", name(archive)))
 }

@@ -26,12 +26,12 @@ const UNREAD_AS: [(&str, &str); 9] = [
     ("pgm", "PNM"),
 ];
 /// Extensions of videos.
-const VIDEOS: [&str; 13] =
+pub(super) const VIDEOS: [&str; 13] =
     ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "mts", "m2ts", "3gp", "wmv", "ts"];
 /// Extensions of 360° videos as their cameras write them, of which no panoramas are made here.
-const UNSTITCHED: [&str; 2] = ["insv", "360"];
+pub(super) const UNSTITCHED: [&str; 2] = ["insv", "360"];
 /// Extensions of archives.
-const ARCHIVES: [&str; 11] = ["zip", "tar", "gz", "tgz", "bz2", "xz", "txz", "zst", "7z", "rar", "lz4"];
+pub(super) const ARCHIVES: [&str; 11] = ["zip", "tar", "gz", "tgz", "bz2", "xz", "txz", "zst", "7z", "rar", "lz4"];
 
 /// True if the path has a photo's extension.
 pub(super) fn is_photo_name(path: &Path) -> bool {
@@ -50,14 +50,4 @@ pub(super) fn unread_format(path: &Path) -> Option<String> {
 /// True if the path has a video's extension.
 pub fn is_video_name(path: &Path) -> bool {
     has_extension(path, &VIDEOS)
-}
-
-/// True if the path has the extension of a 360° camera's own file.
-pub(super) fn is_unstitched_name(path: &Path) -> bool {
-    has_extension(path, &UNSTITCHED)
-}
-
-/// True if the path has an archive's extension.
-pub(super) fn is_archive_name(path: &Path) -> bool {
-    has_extension(path, &ARCHIVES)
 }

@@ -9,6 +9,7 @@ use super::tree::PhotoTree;
 
 /// All photos below a folder, without what only looks like them ([`PhotoTree`]), found by names that differ from theirs in case, in the composition of letters, in
 /// extensions, or in the folders of the machine that wrote them.
+#[derive(Default)]
 pub(super) struct Lookup {
     folder: PathBuf,
     files: OnceCell<Files>,

@@ -70,7 +70,13 @@ impl Scene {
     /// [`Error`], with the file and record at fault and what to do. Views without a usable pose and points without a
     /// usable position are left out and counted in [`Scene::skipped`].
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, Error> {
-        open(path, options)
+        let Place { root, outer, poses, note } = place::find(path, options)?;
+        let mut listing = match poses {
+            Poses::Colmap(model) => colmap::read(&root, &model, options)?,
+            Poses::Transforms(file) => transforms::read(&root, &outer, &file, options)?,
+        };
+        listing.skipped.notes.extend(note);
+        assemble(listing, options)
     }
 
     /// Finds the scene at `path` as [`Scene::open`] does, and reads nothing.
@@ -80,17 +86,6 @@ impl Scene {
     pub fn find(path: &Path, options: &OpenOptions) -> Result<(), Error> {
         place::find(path, options).map(|_| ())
     }
-}
-
-/// Finds the scene at `path` and reads it.
-fn open(path: &Path, options: &OpenOptions) -> Result<Scene, Error> {
-    let Place { root, outer, poses, note } = place::find(path, options)?;
-    let mut listing = match poses {
-        Poses::Colmap(model) => colmap::read(&root, &model, options)?,
-        Poses::Transforms(file) => transforms::read(&root, &outer, &file, options)?,
-    };
-    listing.skipped.notes.extend(note);
-    assemble(listing, options)
 }
 
 /// The folder of a capture's photos: the one asked for, its images or its input folder, or the capture itself. Polycam's
@@ -152,7 +147,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     skipped.notes.extend(notes::unseen(&views, &points));
     skipped.notes.extend(notes::outlying(&views));
     if options.pole_mask > 0.0 && views.iter().all(|view| view.face.is_none()) {
-        skipped.notes.push("there are no panoramas: --pole-mask masks nothing".to_owned());
+        skipped.notes.push("there are no panoramas and no wide fisheyes: --pole-mask masks nothing".to_owned());
     }
     let size = near::size(&views, &points);
     let (near, origin) = (near::near(size), DVec3::ZERO);

@@ -33,9 +33,6 @@ pub(in crate::scene) fn rows(matrix: &Value) -> Option<Vec<Vec<f64>>> {
 }
 
 /// Divides a matrix of four rows by its last entry, so that the last row is 0 0 0 1.
-///
-/// # Errors
-/// A sentence on a last row that no pose has.
 pub(super) fn divide(rows: &mut [Vec<f64>]) -> Result<(), String> {
     let Some([x, y, z, w]) = rows.get(3).and_then(|row| row.first_chunk::<4>().copied()) else { return Ok(()) };
     if [x, y, z].iter().any(|v| v.abs() > 1e-6 * w.abs()) {

@@ -1,7 +1,7 @@
 //! The initial Gaussians of a block.
 
 use crate::gaussians::Gaussians;
-use crate::pipeline::start;
+use crate::sample::spread;
 use crate::scene::Point;
 use crate::shard::kd_tree::Grown;
 use crate::train::initialise::{self, Seed};
@@ -20,7 +20,7 @@ pub(super) fn first(points: &[Point], unit: f64, grown: &Grown<'_>, coarse: Gaus
         return coarse;
     }
     // A Gaussian's size follows from its nearest points, which may lie outside the cell.
-    let on_points = initialise::from_points_in(&seeds, unit).select(&start::evenly(&rows, most));
+    let on_points = initialise::from_points_in(&seeds, unit).select(&spread(&rows, most));
     // In all bands at once, as the coarse model is.
     let mut model = Gaussians::zeroed(0, coarse.degree());
     model.append(&on_points);

@@ -9,6 +9,7 @@
 use crate::gaussians::Gaussians;
 use crate::job::Error;
 use crate::kernels::constants::sh::float64::SH_C0;
+use crate::pipeline::depth::coloured;
 use crate::pipeline::setup::Setup;
 use crate::render::{Image, Painter, Source};
 use crate::scene::{AlphaRole, Photo, camera};
@@ -47,13 +48,7 @@ fn in_white(model: &Gaussians, rows: &[usize]) -> Gaussians {
     for i in rows {
         sh[3 * i..3 * i + 3].fill(white);
     }
-    Gaussians {
-        means: model.means.clone(),
-        log_scales: model.log_scales.clone(),
-        rotations: model.rotations.clone(),
-        opacity_logits: model.opacity_logits.clone(),
-        sh: vec![sh],
-    }
+    coloured(model, sh)
 }
 
 impl Setup<'_> {

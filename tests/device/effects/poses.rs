@@ -68,7 +68,7 @@ fn trainer(
     pixels: f64,
     snapshot: Option<&Snapshot>,
 ) -> (Trainer, Vec<Camera>, Vec<DVec3>) {
-    let config = config(scene, 420);
+    let config = config(scene, 280);
     let mut prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
     let mut random = Random(3);
     let right: Vec<Camera> = prepared.train.iter().map(|photo| photo.camera.clone()).collect();
@@ -128,7 +128,7 @@ fn turned_cameras_find_back_and_are_kept_in_checkpoints() {
     // Rounds of 14 photos end, and move cameras, after 210, 224 and 238.
     train(&mut whole, 240);
     let later = whole.snapshot().unwrap();
-    train(&mut whole, 420);
+    train(&mut whole, 280);
     let after = apart(whole.photos(), &right, &points);
     assert!(after < 0.5 * before, "{before} pixels before, {after} after");
     let moved = whole.moved_cameras().unwrap();

@@ -9,12 +9,13 @@ use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_GOOD, ROW_LOG_SCALE, ROW_LOGIT};
-use qirf_vk::lab::methods::learnt_mask::{LearntMask, LearntMasks, MaskMethod, Masked};
+use qirf_vk::lab::methods::learnt_mask::{LearntMask, LearntMasks, MaskMethod};
 use qirf_vk::reference::rasterise_backward::ImageGradient;
 use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, Renderer, Settings, TrainingRenderer};
 use qirf_vk::scene::camera::Camera;
-use qirf_vk::train::method::Method;
+use qirf_vk::train::method::{Iteration, Method};
+use qirf_vk::train::rates::Rates;
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Array, Options, Trainer, TrainingModel};
 use std::sync::Arc;
@@ -29,8 +30,7 @@ struct Bench {
     training: TrainingModel,
     camera: Camera,
     by_image: Buffer<[f32; 4]>,
-    settings: LearntMasks,
-    shown: Buffer<u32>,
+    masks: LearntMask,
 }
 
 impl Bench {
@@ -43,6 +43,7 @@ impl Bench {
     ) -> Self {
         let camera = small_camera(SIZE[0], SIZE[1]);
         let mut training = TrainingModel::new(device, model).unwrap();
+        let masks = LearntMasks { weight: 30.0, rate: 0.1, ..LearntMasks::of(method, 1, 1000) };
         let [of_scores, of_moments] = *LearntMask::arrays(method);
         training.arrays = vec![
             Array::with(device, of_scores, scores).unwrap(),
@@ -53,26 +54,32 @@ impl Bench {
             training,
             camera,
             by_image: device.upload("image gradient", by_image).unwrap(),
-            settings: LearntMasks { weight: 30.0, rate: 0.1, ..LearntMasks::of(method, 1, 1000) },
-            shown: device.upload("shown", &[0]).unwrap(),
+            masks: LearntMask::new(device, masks).unwrap(),
             device: device.clone(),
         }
     }
 
-    fn masked(&self) -> Masked<'_> {
-        let Self { renderer, training: model, camera, settings, shown, .. } = self;
-        let [scores, moments] = [0, 1].map(|k| &model.arrays[k].values);
-        Masked { renderer, camera, model, scores, moments, shown, settings, key: [5, 77] }
+    fn now(&self) -> Iteration<'_> {
+        let Self { renderer, training: model, camera, by_image: image_gradient, .. } = self;
+        Iteration { renderer, camera, model, key: [5, 77], image_gradient, colours: false, rates: Rates::default() }
+    }
+
+    fn scores(&self) -> Vec<f32> {
+        self.training.arrays[0].values.read(&self.device).unwrap()
+    }
+
+    fn moments(&self) -> Vec<[f32; 2]> {
+        self.training.arrays[1].values.cast::<[f32; 2]>().read(&self.device).unwrap()
     }
 
     /// Records the picture and its backward pass with the slopes by masks.
     fn there_and_back(&self) {
         let (mut recording, model) = (Recording::new(), &self.training.model);
         self.renderer.record_lists(&mut recording, model, &self.camera);
-        self.masked().hide(&mut recording);
+        self.masks.hide(&mut recording, &self.now());
         self.renderer.record_blending(&mut recording, &self.camera);
         self.renderer.record_backward(&mut recording, model, &self.camera, &self.by_image, Backward::default());
-        self.masked().gradients(&mut recording, &self.by_image, false);
+        LearntMask::gradients(&mut recording, &self.now());
         self.device.run(recording).unwrap();
     }
 
@@ -123,7 +130,7 @@ fn the_masked_are_not_drawn() {
     let whole = renderer.render(&Resident::upload(&device, &model).unwrap(), &bench.camera).unwrap().pixels;
     let picture = renderer.render(&alone, &bench.camera).unwrap().pixels;
     assert!(bench.picture() == picture && whole != picture);
-    assert_eq!(bench.masked().shown.read(&device).unwrap(), [kept.len() as u32]);
+    assert_eq!(bench.masks.shown.read(&device).unwrap(), [kept.len() as u32]);
     let rows = bench.rows();
     let moved = |i: usize| rows[i * ROW as usize..][..=ROW_LOGIT as usize].iter().any(|g| *g != 0.0);
     assert!((0..model.len()).all(|i| shown[i] || !moved(i)) && kept.iter().filter(|i| moved(**i)).count() > 10);
@@ -181,14 +188,13 @@ fn steps_as_the_twin_has_them() {
         let bench = Bench::new(&device, Settings::default(), &model, (&scores, method), &weights(45 * 37, 8));
         bench.there_and_back();
         let mut recording = Recording::new();
-        bench.masked().step(&mut recording);
+        bench.masks.step(&mut recording, &bench.now());
         bench.device.run(recording).unwrap();
         let random = |i: usize| method.samples().then(|| reference::learnt_mask::logistic([5, 77, i as u32]));
         let shown = (0..n).filter(|i| reference::learnt_mask::shows(f64::from(scores[*i]), random(*i))).count();
-        assert_eq!(bench.masked().shown.read(&bench.device).unwrap(), [shown as u32]);
+        assert_eq!(bench.masks.shown.read(&bench.device).unwrap(), [shown as u32]);
         let (rows, slopes) = (bench.rows(), bench.slopes());
-        let after = bench.masked().scores.read(&bench.device).unwrap();
-        let moments = bench.masked().moments.cast::<[f32; 2]>().read(&bench.device).unwrap();
+        let (after, moments, settings) = (bench.scores(), bench.moments(), bench.masks.settings);
         let mut moved = 0;
         for i in 0..n {
             let at = |k: u32| f64::from(rows[i * ROW as usize + k as usize]);
@@ -197,9 +203,9 @@ fn steps_as_the_twin_has_them() {
             let slope = if method.samples() { slopes[i] } else { whole };
             let score = f64::from(scores[i]);
             let means = [shown as f64 / n as f64, n as f64];
-            let gradient = reference::learnt_mask::by_score(slope, score, random(i), bench.settings.weight, means);
+            let gradient = reference::learnt_mask::by_score(slope, score, random(i), settings.weight, means);
             let (mut value, mut m, mut v) = ([score], [0.0], [0.0]);
-            let how = (77, bench.settings.step_rate(), [reference::adam::BETA1, reference::adam::BETA2]);
+            let how = (77, settings.step_rate(), [reference::adam::BETA1, reference::adam::BETA2]);
             reference::adam::adam(&mut value, &[gradient], [&mut m, &mut v], how);
             let near = |a: f32, b: f64, room: f64| f64::from(a) == b || (f64::from(a) - b).abs() <= room;
             let room = 2e-5 * gradient.abs() + 1e-7;
@@ -228,15 +234,10 @@ fn what_is_not_finite_stays_where_it_is() {
             let bench = Bench::new(&device, Settings::default(), &model, (&scores, method), &by_image);
             bench.there_and_back();
             let mut recording = Recording::new();
-            bench.masked().step(&mut recording);
+            bench.masks.step(&mut recording, &bench.now());
             bench.device.run(recording).unwrap();
-            let masks = bench.masked();
             let good: Vec<bool> = bench.rows().chunks_exact(ROW as usize).map(|r| r[ROW_GOOD as usize] > 0.0).collect();
-            (
-                good,
-                masks.scores.read(&bench.device).unwrap(),
-                masks.moments.cast::<[f32; 2]>().read(&bench.device).unwrap(),
-            )
+            (good, bench.scores(), bench.moments())
         };
         let ((_, right, _), (good, got, moments)) = (run(0.5), run(spoilt));
         let bad = (0..model.len()).filter(|i| !good[*i]).count();

@@ -37,7 +37,6 @@ fn growing(growth: Option<Growth>) -> Options {
 }
 
 /// Steps, density control of both kinds, and opacity resets leave the tail unchanged; the rest moves and grows.
-
 #[test]
 fn the_tail_never_changes() {
     let device = device();
@@ -64,7 +63,6 @@ fn the_tail_never_changes() {
 
 /// Rows that no camera sees change nothing: with them as the tail, the others end with the bits that they have alone.
 /// Random numbers and counts of density control therefore depend on the trained rows only.
-
 #[test]
 fn an_invisible_tail_changes_nothing() {
     let device = device();
@@ -93,7 +91,6 @@ fn an_invisible_tail_changes_nothing() {
 }
 
 /// Attrition and prunes remove trained rows only.
-
 #[test]
 fn attrition_and_prunes_leave_the_tail() {
     let device = device();
@@ -148,7 +145,6 @@ fn prunes_choose_beside_the_tail() {
 }
 
 /// A run with a tail ends with the same bits after an interruption; its checkpoint stores the tail's length.
-
 #[test]
 fn a_tail_is_resumed() {
     let device = device();
@@ -169,7 +165,6 @@ fn a_tail_is_resumed() {
 }
 
 /// The tail is in every picture.
-
 #[test]
 fn the_tail_is_drawn() {
     let device = device();
@@ -187,7 +182,6 @@ fn the_tail_is_drawn() {
 }
 
 /// The mean of the whole scene's cameras, if given, replaces that of the photos' own.
-
 #[test]
 fn the_scenes_cameras_come_from_outside() {
     let device = device();

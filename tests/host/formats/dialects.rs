@@ -41,7 +41,7 @@ fn read(bytes: &[u8]) -> formats::Loaded {
 #[test]
 fn colours_may_stand_in_red_green_and_blue() {
     let base: [Property; 3] =
-        [("uchar", "red", |i| f64::from(100 * i)), ("uchar", "green", |_| 255.0), ("uchar", "blue", |_| 0.0)];
+        [("uchar", "red", |i| f64::from(100 * i)), ("uchar", "green", |_| 255.0), ("uchar", "blue", |_| -0.0)];
     let whole = read(&ply(&[&base[..], &REST, &[THIRD]].concat()));
     let floats: [Property; 3] =
         [("float", "red", |i| f64::from(100 * i) / 255.0), ("float", "green", |_| 1.0), ("float", "blue", |_| 0.0)];

@@ -46,6 +46,24 @@ fn layouts_of_other_programs_give_one_model() {
 }
 
 #[test]
+fn a_written_gltf_holds_the_bytes_of_the_glb() {
+    let folder = tempfile::tempdir().unwrap();
+    let [text, binary] = ["m.gltf", "m.glb"].map(|name| folder.path().join(name));
+    for model in [Gaussians::zeroed(0, 0), make::model(1, 0), make::model(5000, 3)] {
+        for path in [&text, &binary] {
+            formats::write_at(path, &model, RenderMode::AntiAliased, [1e6, 0.0, 2.0]).unwrap();
+        }
+        let [of_text, of_binary] = [&text, &binary].map(|path| formats::read(path).unwrap());
+        assert_eq!(
+            (of_text.gaussians, of_text.mode, of_text.origin),
+            (of_binary.gaussians, of_binary.mode, of_binary.origin)
+        );
+        let json: Value = serde_json::from_slice(&fs::read(&text).unwrap()).unwrap();
+        assert_eq!(json["buffers"].is_null(), model.is_empty());
+    }
+}
+
+#[test]
 fn a_written_glb_is_read_back_to_the_last_bit_of_exponentials() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("m.glb");

@@ -18,6 +18,8 @@ use qirf_vk::reference::overlap::{Primitive, block as overlaps};
 use rayon::prelude::*;
 
 const ETA: f64 = 0.75;
+/// Number of blocks that every solver solves.
+const SOLVED: usize = 250;
 
 /// Responses over four orders of magnitude, a tenth of them zero.
 fn descriptors(n: usize) -> Vec<[f32; CHANNELS]> {
@@ -29,7 +31,7 @@ fn descriptors(n: usize) -> Vec<[f32; CHANNELS]> {
 }
 
 #[test]
-fn a_thousand_real_blocks() {
+fn real_blocks_keep_the_same_sets() {
     let Some(model) = shared("models/flowers_lod2_93k_sh2.ply") else { return };
     let model = formats::read(&model).unwrap().gaussians;
     let start = Instant::now();
@@ -72,10 +74,10 @@ fn a_thousand_real_blocks() {
         }
         [&full, &single].map(|other| usize::from(kept(&other.q) != kept(&low.q)))
     };
-    let differing: Vec<[usize; 2]> = (0..1000).into_par_iter().map(differs).collect();
+    let differing: Vec<[usize; 2]> = (0..SOLVED).into_par_iter().map(differs).collect();
     let [full, single] = [0, 1].map(|k| differing.iter().map(|d| d[k]).sum::<usize>());
-    println!("of 1000 blocks' sets, {full} differ with P in float32, {single} with the metric in float32");
-    assert!(full <= 5 && single <= 50);
+    println!("of {SOLVED} blocks' sets, {full} differ with P in float32, {single} with the metric in float32");
+    assert!(full <= 2 && single <= 12);
 
     let batch: Vec<Block> = made
         .iter()

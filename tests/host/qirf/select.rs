@@ -2,6 +2,7 @@
 
 use super::Made;
 use proptest::prelude::*;
+use qirf_vk::gaussians::Gaussians;
 use qirf_vk::qirf::CHANNELS;
 use qirf_vk::qirf::batch::{Block, Collected, Solver};
 use qirf_vk::qirf::select::budget::{Budget, Keep, Safeguard, choose, quotas};
@@ -147,14 +148,11 @@ fn hybrid_gives_half_by_block_and_half_by_gain() {
 
 #[test]
 fn the_safeguard_looks_for_small_visible_opaque_and_unsettled() {
-    let log_scales = [[-3.0, -3.0, -9.0], [-1.0, -1.0, -9.0], [-3.0; 3], [-3.0; 3], [f32::NAN; 3]];
-    let inputs = detail::Inputs {
-        gradient: &[2.0, 2.0, 1.0, f32::NAN, 1.0],
-        visibility: &[1.0, 1.0, 0.25, 1.0, 1.0],
-        log_scales: &log_scales,
-        opacity_logits: &[0.0, 0.0, 0.0, 0.0, 0.0],
-    };
-    let d = detail::scores(&inputs, detail::Exponents::default());
+    let log_scales = vec![[-3.0, -3.0, -9.0], [-1.0, -1.0, -9.0], [-3.0; 3], [-3.0; 3], [f32::NAN; 3]];
+    let model = Gaussians { log_scales, ..Gaussians::zeroed(5, 0) };
+    let responses = [(1.0, 2.0), (1.0, 2.0), (0.25, 1.0), (1.0, f32::NAN), (1.0, 1.0)]
+        .map(|(visibility, gradient)| [visibility, 0.0, 0.0, 0.0, gradient, 0.0, 0.0, 0.0]);
+    let d = detail::scores(&model, &responses);
     let expected = (1.5_f64).exp() * 0.5_f64.sqrt();
     assert!((d[0] - expected).abs() < 1e-6);
     assert!((d[1] / d[0] - (-1.0_f64).exp()).abs() < 1e-6);

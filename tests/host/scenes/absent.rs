@@ -7,6 +7,7 @@ use std::path::Path;
 
 use super::dialects::{notes, open};
 use super::traps::grey;
+use super::{TOP, transformed};
 use crate::support::files::writers::{picture, row, transforms, write, written};
 use qirf_vk::effects::Overrides;
 use qirf_vk::job::{Error, Selection, Silent};
@@ -14,19 +15,15 @@ use qirf_vk::pipeline::prepare;
 use qirf_vk::scene::{LoadOptions, OpenOptions, PhotoMemory, PhotoTree, Resize, Scene, masks_of, photo_folder};
 
 const NAMES: [&str; 3] = ["a.png", "b.png", "c.png"];
-const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
 
 /// Two captures of the photos `NAMES` with these pictures: of COLMAP, and a transforms.json that lists bare names.
 fn captures(files: &[&str]) -> [tempfile::TempDir; 2] {
     let colmap = tempfile::tempdir().unwrap();
     write(&colmap.path().join("sparse/0"), row(&NAMES).text());
-    let other = written([("transforms.json", transforms(TOP, &NAMES))]);
-    for root in [colmap.path(), other.path()] {
-        for file in files {
-            picture(&root.join(file), 64, 48);
-        }
+    for file in files {
+        picture(&colmap.path().join(file), 64, 48);
     }
-    [colmap, other]
+    [colmap, transformed(transforms(TOP, &NAMES), files)]
 }
 
 /// The photos found, by their paths within the capture.

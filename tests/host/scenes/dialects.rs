@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::host::depth_maps::exr_of;
 use crate::support::files::writers::{Model, picture, row, transforms, write, written};
-use qirf_vk::pipeline::effects::of_scene;
+use qirf_vk::pipeline::effects::examine;
 use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, PhotoTree, Resize, Scene, Split, alpha_role, masks_of};
 
 /// Photos of a capture.
@@ -215,7 +215,7 @@ fn half_a_jpeg_with_an_end_is_left_out() {
     fs::write(&path, [&whole[..usize::midpoint(scan, whole.len())], &[0xff, 0xd9]].concat()).unwrap();
     let mut opened = open(scene.path());
     // `inspect` foretells what a run leaves out.
-    assert_eq!(of_scene(&opened).unwrap().1.damaged_images.examples, ["b.jpg"]);
+    assert_eq!(examine(&opened).unwrap().1.damaged_images.examples, ["b.jpg"]);
     assert_eq!(opened.load_photos(&LoadOptions::default(), &|_| {}).unwrap().len(), 1);
     assert_eq!(opened.skipped.damaged_images.examples, ["b.jpg"]);
 }

@@ -1,17 +1,11 @@
 //! Paths that hold no capture that is read: each error names what is there, and what to do.
 
 use std::fs;
-use std::path::Path;
 
 use super::dialects::{notes, open};
+use super::{TOP, refused};
 use crate::support::files::writers::{picture, row, transforms, write, written};
-use qirf_vk::scene::{OpenOptions, PhotoTree, Role, Scene, instead};
-
-const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
-
-fn refused(path: &Path) -> String {
-    Scene::open(path, &OpenOptions::default()).unwrap_err().to_string()
-}
+use qirf_vk::scene::{PhotoTree, Role, instead};
 
 #[test]
 fn photos_videos_and_archives_are_told_with_their_remedy() {

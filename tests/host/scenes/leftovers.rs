@@ -9,7 +9,7 @@ use super::traps::grey;
 use crate::support::files::writers::{picture, row, transforms, write, written};
 use qirf_vk::job::Error;
 use qirf_vk::pipeline::prepare;
-use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Scene, load_photos, masks_of};
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Role, Scene, load_photos, masks_of};
 
 const CAMERA: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
 
@@ -169,6 +169,34 @@ fn alpha_may_be_decided_beforehand() {
         assert_eq!(role(columns, Some(true)), AlphaRole::Alpha);
         assert_eq!(role(columns, Some(false)), AlphaRole::Opaque);
     }
+}
+
+/// nerfstudio's lists beside a COLMAP model's photos give the roles; 3DGS's counts without them.
+#[test]
+fn lists_beside_a_model_give_the_roles() {
+    let scene = tempfile::tempdir().unwrap();
+    write(&scene.path().join("sparse/0"), row(&["a.png", "b.png", "c.png", "d.png", "e.png"]).text());
+    let list = |file: &str, names: &str| fs::write(scene.path().join(file), names).unwrap();
+    let roles = || {
+        let opened = open(scene.path());
+        let roles: Vec<_> = opened.views.iter().map(|view| (view.name[..1].to_owned(), view.role)).collect();
+        (roles, notes(&opened))
+    };
+    let of = |names: &str, all: &[Role]| names.chars().map(String::from).zip(all.iter().copied()).collect::<Vec<_>>();
+    let (train, test) = (Role::Train, Role::Test);
+    list("sparse/0/test.txt", "e.png\n");
+    assert_eq!(roles().0, of("abcde", &[train, train, train, train, test]));
+    list("test_list.txt", "a.png\r\nb.png\r\n");
+    assert_eq!(roles().0, of("abcde", &[test, test, train, train, train]));
+    list("train_list.txt", "c.png\n");
+    list("validation_list.txt", "b.png\nd.png\nx.png\n");
+    let (found, notes) = roles();
+    assert_eq!(found, of("abcd", &[test, test, train, Role::Validation]));
+    for told in ["1 photo to use, as", "1 name in", "1 photo in neither train_list.txt nor", "not used (e.png)"] {
+        assert!(notes.contains(told), "{notes}");
+    }
+    list("train_list.txt", "a.png\nc.png\n");
+    assert_eq!(roles().0, of("abcd", &[Role::Unsaid, test, train, Role::Validation]));
 }
 
 /// A planned job refuses photos, masks and cameras that changed, and accepts the same ones.

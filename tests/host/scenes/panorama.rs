@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use qirf_vk::scene::lens::LensModel;
-use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, Resize, Scene, Split};
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, Resize, Scene, Split, load_photos};
 
 use super::open;
 use crate::support::files::writers::{Model, write};
@@ -154,6 +154,47 @@ fn the_pole_is_masked() {
             }
         }
     }
+}
+
+/// Alpha of a panorama hides what the stitcher did not have, beside the pole.
+#[test]
+fn alpha_leaves_the_pole_masked() {
+    let folder = tempfile::tempdir().unwrap();
+    let turns = capture(folder.path(), &["a.png"], [128, 64]);
+    let file = folder.path().join("images/a.png");
+    let mut picture = image::open(&file).unwrap().into_rgba8();
+    picture.enumerate_pixels_mut().filter(|(_, y, _)| *y < 16).for_each(|(.., pixel)| pixel[3] = 0);
+    picture.save(&file).unwrap();
+    // A mask that cannot be used takes nothing from that of the faces.
+    crate::support::files::writers::picture(&folder.path().join("masks/a.png"), 30, 30);
+    let mut scene = Scene::open(folder.path(), &OpenOptions { pole_mask: 50.0, ..OpenOptions::default() }).unwrap();
+    let photos = scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+    let notes = scene.skipped.notes.join("; ");
+    assert!(notes.contains("are transparent: masked in faces") && !notes.contains("are not used"), "{notes}");
+    for (photo, view) in photos.iter().zip(&scene.views) {
+        assert_eq!(photo.alpha_role, AlphaRole::Mask);
+        for (n, pixel) in photo.pixels.read().unwrap().as_chunks::<4>().0.iter().enumerate() {
+            let d = direction(photo, n);
+            let down = (turns[0] * d).angle_between(DVec3::Y).to_degrees();
+            // At 135 degrees, pixels are mixed.
+            if (down - 135.0).abs() > 4.0 {
+                let shown = (50.0..135.0).contains(&down);
+                assert_eq!(pixel[3], if shown { 255 } else { 0 }, "{} pixel {n}, {down} degrees", view.name);
+            }
+        }
+    }
+    // Photos that are transparent throughout are taken as opaque.
+    let mut nothing = picture.clone();
+    nothing.pixels_mut().for_each(|pixel| pixel[3] = 0);
+    nothing.save(&file).unwrap();
+    let shown = scene.views[0].load_photo(Resize::Full).unwrap().pixels.read().unwrap().to_vec();
+    assert!(shown.iter().skip(3).step_by(4).all(|counts| *counts == 255));
+    picture.save(&file).unwrap();
+    // A task that sees one face has the same pixels.
+    let whole = photos[0].pixels.read().unwrap().to_vec();
+    let alone = LoadOptions { alpha: Some(false), ..LoadOptions::default() };
+    let alone = load_photos(&[&scene.views[0]], &alone, &|_| ()).unwrap().photos.remove(0).unwrap();
+    assert_eq!(alone.pixels.read().unwrap().to_vec(), whole);
 }
 
 #[test]

@@ -3,12 +3,11 @@
 use std::fs;
 use std::path::Path;
 
-use super::open;
+use super::{TOP, open, refused, transformed};
 use crate::support::files::writers::{picture, row, transforms, write};
-use qirf_vk::scene::{Error, OpenOptions, Role, Scene};
+use qirf_vk::scene::{Error, Role, Scene};
 
 const NAMES: [&str; 2] = ["images/a.png", "images/b.png"];
-const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
 
 fn photos(folder: &Path) {
     for name in ["a.png", "b.png"] {
@@ -19,16 +18,9 @@ fn photos(folder: &Path) {
 /// Makes a capture in a folder.
 type Make<'a> = &'a dyn Fn(&Path);
 
-fn refused(path: &Path) -> String {
-    Scene::open(path, &OpenOptions::default()).unwrap_err().to_string()
-}
-
-/// A capture with this transforms.json.
+/// A capture of two photos with this transforms.json.
 fn with(json: Vec<u8>) -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    photos(&folder.path().join("images"));
-    write(folder.path(), [("transforms.json", json)]);
-    folder
+    transformed(json, &NAMES)
 }
 
 fn text(json: &str, from: &str, to: &str) -> Vec<u8> {

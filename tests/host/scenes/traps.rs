@@ -4,32 +4,24 @@ use std::fs;
 use std::path::Path;
 
 use super::dialects::{notes, open};
+use super::{TOP, refused, transformed};
 use crate::support::files::make;
 use crate::support::files::writers::{picture, row, transforms, write, written};
 use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::glam::DVec3;
 use qirf_vk::pipeline::place;
 use qirf_vk::scene::lens::{Lens, LensModel};
-use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, Scene};
+use qirf_vk::scene::{AlphaRole, LoadOptions, Photo};
 
 const NAMES: [&str; 2] = ["images/a.png", "images/b.png"];
-const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
 
 /// A capture of two photos with this transforms.json.
 fn capture(json: impl Into<Vec<u8>>) -> tempfile::TempDir {
-    let folder = written([("transforms.json", json.into())]);
-    for name in NAMES {
-        picture(&folder.path().join(name), 64, 48);
-    }
-    folder
+    transformed(json, &NAMES)
 }
 
 fn json(top: &str) -> String {
     String::from_utf8(transforms(top, &NAMES)).unwrap()
-}
-
-fn refused(root: &Path) -> String {
-    Scene::open(root, &OpenOptions::default()).unwrap_err().to_string()
 }
 
 fn load(root: &Path) -> (Vec<Photo>, String) {

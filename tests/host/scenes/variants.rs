@@ -4,19 +4,14 @@ use std::fs;
 use std::path::Path;
 
 use super::dialects::{notes, open};
+use super::{TOP, transformed};
 use crate::support::files::writers::{Model, picture, row, transforms, write, written};
 use qirf_vk::scene::lens::LensModel;
 use qirf_vk::scene::{LoadOptions, OpenOptions, PhotoTree, Role, Scene};
 
-const TOP: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
-
 /// A capture with a transforms.json of these frames, and these pictures.
 fn capture(top: &str, frames: &[&str], pictures: &[&str]) -> tempfile::TempDir {
-    let folder = written([("transforms.json", transforms(top, frames))]);
-    for name in pictures {
-        picture(&folder.path().join(name), 64, 48);
-    }
-    folder
+    transformed(transforms(top, frames), pictures)
 }
 
 /// The views that have a mask, by their names, with its path within the capture.

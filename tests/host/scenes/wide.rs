@@ -5,7 +5,7 @@ use std::path::Path;
 
 use glam::{DVec2, DVec3};
 use qirf_vk::scene::lens::LensModel;
-use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, Scene};
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, Scene, load_photos};
 
 use super::panorama::{colour, direction};
 use crate::support::files::writers::{Model, write};
@@ -145,6 +145,36 @@ fn the_whole_field_is_shown_once() {
         let track = |at: usize| scene.points[at].track.iter().map(|v| scene.views[*v as usize].name.as_str()).collect();
         let [ahead, aside]: [Vec<&str>; 2] = [track(0), track(1)];
         assert_eq!((ahead, aside), (vec!["wide.front.png"], vec!["wide.right.png"]), "{name}");
+    }
+}
+
+/// Photos with alpha hide what is beyond the rim and straight down, and what is transparent.
+#[test]
+fn alpha_leaves_the_rim_masked() {
+    let folder = tempfile::tempdir().unwrap();
+    lenses()[2].write(folder.path());
+    let hidden = || {
+        let mut scene = Scene::open(folder.path(), &OpenOptions { pole_mask: 20.0, ..OpenOptions::default() }).unwrap();
+        let photos = scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+        let count = |photo: &Photo| {
+            assert_eq!(photo.alpha_role, AlphaRole::Mask);
+            photo.pixels.read().unwrap().iter().skip(3).step_by(4).filter(|counts| **counts == 0).count()
+        };
+        photos.iter().map(count).sum::<usize>()
+    };
+    let opaque = hidden();
+    let file = folder.path().join("images/wide.png");
+    let mut picture = image::open(&file).unwrap().into_rgba8();
+    picture.enumerate_pixels_mut().filter(|(_, y, _)| *y < 90).for_each(|(.., pixel)| pixel[3] = 0);
+    picture.save(&file).unwrap();
+    assert!(opaque > 200 && hidden() > opaque, "{opaque}, {}", hidden());
+    // A task that sees one face has the same pixels, also of a face that hides nothing of itself.
+    let mut scene = Scene::open(folder.path(), &OpenOptions::default()).unwrap();
+    let whole = scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+    let alone = LoadOptions { alpha: Some(false), ..LoadOptions::default() };
+    for (view, photo) in scene.views.iter().zip(&whole) {
+        let of_task = load_photos(&[view], &alone, &|_| ()).unwrap().photos.remove(0).unwrap();
+        assert!(*of_task.pixels.read().unwrap() == *photo.pixels.read().unwrap(), "{}", view.name);
     }
 }
 

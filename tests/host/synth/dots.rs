@@ -9,6 +9,8 @@ use crate::support::files::writers::parameters;
 
 /// Largest distance in pixels between a dot and where it should be.
 const BOUND: f64 = 0.1;
+/// Number of views, each a picture, or six if the lens needs a cube.
+const VIEWS: usize = 2;
 /// Distance in pixels up to which pixels belong to a dot.
 const REACH: f64 = 9.0;
 
@@ -18,7 +20,15 @@ fn through(model: LensModel) -> SynthOptions {
     if model == LensModel::Equirectangular {
         (width, height, lens.parameters) = (1280, 640, vec![1280.0, 640.0]);
     }
-    SynthOptions { kind: Kind::Dots, views: 4, width, height, points: 200, lens: Some(lens), ..SynthOptions::default() }
+    SynthOptions {
+        kind: Kind::Dots,
+        views: VIEWS,
+        width,
+        height,
+        points: 200,
+        lens: Some(lens),
+        ..SynthOptions::default()
+    }
 }
 
 #[test]
@@ -32,7 +42,7 @@ fn every_lens_is_undone_within_a_tenth_of_a_pixel() {
         for (photo, view) in photos.iter().zip(&scene.views) {
             let size = DVec2::new(f64::from(photo.camera.width), f64::from(photo.camera.height));
             // Towards a cube's corners faces stretch dots, which moves their middles.
-            let margin = if photos.len() > 4 { 0.1 * size.x } else { REACH + 1.0 };
+            let margin = if photos.len() > VIEWS { 0.1 * size.x } else { REACH + 1.0 };
             // At a panorama's poles, what is round in its rows is a thin line on the sphere.
             let polar = [".up.", ".down."].iter().any(|face| view.name.contains(face));
             let at_pole = |place: DVec2| polar && place.distance(0.5 * size) < 0.25 * size.x;
@@ -50,7 +60,7 @@ fn every_lens_is_undone_within_a_tenth_of_a_pixel() {
             }
         }
         println!("{}: {found} dots in {} pictures, at most {worst:.3} px off", model.name(), photos.len());
-        assert!(found >= 30 && 20 * missing <= inside, "{}: {found}, {missing} of {inside}", model.name());
+        assert!(found >= 15 && 20 * missing <= inside, "{}: {found}, {missing} of {inside}", model.name());
         assert!(worst < BOUND, "{}: {worst} px", model.name());
     }
 }

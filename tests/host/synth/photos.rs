@@ -9,7 +9,7 @@ use std::path::Path;
 #[test]
 fn colours_depend_on_the_view_as_the_effects_say() {
     let spread = |effects: &[Effect]| {
-        let o = SynthOptions { width: 120, height: 90, points: 1200, ..options(12, effects) };
+        let o = SynthOptions { width: 80, height: 60, points: 1200, ..options(12, effects) };
         let (dir, _) = make(&o);
         let d = Model::read(dir.path()).deviations(dir.path());
         println!(

@@ -176,7 +176,7 @@ fn pages_show_models_of_any_unit_and_place() {
 #[test]
 fn a_page_obeys_mouse_and_keys_and_unpacks_without_the_browsers_help() {
     let sandbox = Sandbox::new();
-    sandbox.works(&["convert", "model.ply", "page.html", "--up", "-y"]);
+    sandbox.converts(&["model.ply", "page.html", "--up", "-y"]);
     sandbox.works(&["render", "model.ply", "--orbit", "1", "--size", "320x240", "-o", "out"]);
     let Some(mut page) = open(&sandbox, "page.html") else { return };
     // Our framing is that of an orbit but for its table of shapes; SPZ's steps remain.

@@ -65,7 +65,7 @@ fn convert_and_compress_keep_the_tag_and_inspect_names_it() {
     for (from, to) in [("smooth.ply", "a.spz"), ("a.spz", "b.sog"), ("b.sog", "c.ply")] {
         sandbox.converts(&["plain.ply", to]);
         assert_eq!(mode(to), "plain", "{to}");
-        let ran = sandbox.works(&["convert", from, to]);
+        let ran = sandbox.converts(&[from, to]);
         assert!(ran.said.contains("20 anti-aliased Gaussians"), "{}", ran.said);
         assert_eq!(mode(to), "anti-aliased", "{to}");
     }

@@ -1,8 +1,6 @@
 //! Kills and interruptions: a resumed run ends with the bytes of the undisturbed run.
 
-use super::harness::{
-    FIRST_PRUNE, ITERATIONS, content, end, killed, program, run, start, start_telling, undisturbed, whole, works,
-};
+use super::harness::{ITERATIONS, content, end, killed, program, run, start, start_telling, undisturbed, whole, works};
 use qirf_vk::job::run_log::LogLine;
 use qirf_vk::random;
 use qirf_vk::train::checkpoint::Snapshot;
@@ -74,21 +72,6 @@ fn killed_in_training_and_fine_tuning_it_ends_with_the_same_bytes() {
     assert!(!checkpoint.exists());
 }
 
-/// A kill in fine-tuning, whatever the times drawn above.
-#[test]
-fn killed_after_a_prune_it_knows_what_it_pruned() {
-    let folder = tempfile::tempdir().unwrap();
-    let (out, checkpoint) = (folder.path(), folder.path().join("checkpoint.safetensors"));
-    killed(out, || checkpoint.exists() && Snapshot::read(&checkpoint).is_ok_and(|s| s.iteration > FIRST_PRUNE));
-    let reached = at(&checkpoint);
-    assert!(reached > FIRST_PRUNE, "{reached}");
-    works(&mut run(out, &["--resume"])).with(0, &[&format!("resuming after iteration {reached}")]);
-    assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
-    let metrics: serde_json::Value = serde_json::from_slice(&fs::read(out.join("metrics.json")).unwrap()).unwrap();
-    assert_eq!(metrics["prunes"].as_array().unwrap().len(), 4);
-    assert!(metrics["gaussians"]["dense"].as_u64() > metrics["gaussians"]["final"].as_u64());
-}
-
 #[test]
 fn interrupted_it_keeps_a_checkpoint_and_ends_with_130() {
     let folder = tempfile::tempdir().unwrap();
@@ -111,7 +94,6 @@ fn interrupted_it_keeps_a_checkpoint_and_ends_with_130() {
 fn by(program: &str, options: &[&str], command: &Command) -> Command {
     let mut by = Command::new(program);
     by.args(options).arg(command.get_program()).args(command.get_args());
-    by.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
     by
 }
 

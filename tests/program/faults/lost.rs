@@ -1,9 +1,12 @@
 //! Devices that are lost, run out of memory, or hang, at a call chosen by `QIRF_DEVICE_FAULT`. The program ends with
 //! the code of the cause, existing files stay whole, and a resumed run ends with the bytes of the undisturbed run.
 
-use super::harness::{Ended, end, program, run, scene, start_telling, undisturbed, whole, works};
+use super::harness::{
+    Ended, FIRST_PRUNE, end, program, run, scene, start_telling, undisturbed, validated, whole, works,
+};
 use crate::support::options;
 use qirf_vk::gpu::{Device, Error};
+use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -12,9 +15,15 @@ use std::time::Duration;
 /// A number of submissions that no command reaches.
 const NEVER: u64 = 1 << 40;
 
-/// The command with a fault at call `number`.
+/// The command with a fault at call `number`, validated: so is what it does with a device that is lost.
 fn with_fault<'a>(command: &'a mut Command, call: &str, number: u64, answer: &str) -> &'a mut Command {
-    command.env("QIRF_DEVICE_FAULT", format!("{call}:{number}:{answer}"))
+    validated(command).env("QIRF_DEVICE_FAULT", format!("{call}:{number}:{answer}"))
+}
+
+/// Resumes a run, which must succeed.
+#[track_caller]
+fn resumed(out: &Path) -> Ended {
+    works(validated(&mut run(out, &["--resume"])))
 }
 
 /// Number of submissions that an undisturbed command makes.
@@ -65,8 +74,16 @@ fn lost_at_any_moment_a_run_ends_with_the_same_bytes() {
             is_lost(end(with_fault(&mut run(&out, &["--resume"]), "submit", 1 + all / 6, "lost")));
             whole(&out);
         }
-        let resumed = works(&mut run(&out, &["--resume"]));
-        assert_eq!(resumed.said.contains("no checkpoint yet: starting from the beginning"), k == 0, "{}", resumed.said);
+        let said = resumed(&out).said;
+        assert_eq!(said.contains("no checkpoint yet: starting from the beginning"), k == 0, "{said}");
+        if part == 0.75 {
+            // In fine-tuning: it knows what it pruned.
+            let after = said.split("resuming after iteration ").nth(1).and_then(|rest| rest.lines().next());
+            assert!(after.and_then(|n| n.parse::<u32>().ok()) > Some(FIRST_PRUNE), "{said}");
+            let figures: Value = serde_json::from_slice(&fs::read(out.join("metrics.json")).unwrap()).unwrap();
+            assert_eq!(figures["prunes"].as_array().unwrap().len(), 4);
+            assert!(figures["gaussians"]["dense"].as_u64() > figures["gaussians"]["final"].as_u64());
+        }
         whole(&out);
         assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap(), "submission {number}: other bytes");
         assert!(!out.join("checkpoint.safetensors").exists());
@@ -148,7 +165,7 @@ fn memory_that_a_call_lacks_is_named_and_the_run_is_resumed() {
         whole(&out);
     }
     let out = folder.path().join("device-memory");
-    works(&mut run(&out, &["--resume"]));
+    resumed(&out);
     assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
     // The work itself goes on: the program waits for it in another way.
     let out = folder.path().join("wait");
@@ -172,7 +189,7 @@ fn a_hang_is_told_and_can_be_ended() {
     assert!(says().contains("a hang, this program ends with an error"), "{}", says());
     whole(&out);
     assert!(out.join("checkpoint.safetensors").exists());
-    works(&mut run(&out, &["--resume"]));
+    resumed(&out);
     assert!(undisturbed() == fs::read(out.join("model.ply")).unwrap());
 }
 

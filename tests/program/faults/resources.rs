@@ -40,7 +40,7 @@ fn on_a_disk(kilobytes: usize, from: &Path, command: impl Fn(&Path) -> Command) 
     );
     let inside = behind(&shell, &command(&disk));
     let mut command = Command::new("unshare");
-    command.arg("-rm").arg(inside.get_program()).args(inside.get_args()).env("QIRF_VALIDATION", "1");
+    command.arg("-rm").arg(inside.get_program()).args(inside.get_args());
     (end(&mut command), folder)
 }
 
@@ -275,7 +275,6 @@ fn device_memory_that_runs_out_comes_back() {
     assert!((1..22).contains(&refused));
 }
 
-/// Meaningless numbers in a configuration file.
 /// A log that cannot be written ends no job.
 #[test]
 #[cfg(target_os = "linux")]
@@ -298,6 +297,7 @@ fn threads_that_the_system_refuses_are_told() {
     end(limited.env("RAYON_NUM_THREADS", "5000")).with(5, &["starts no more threads", "RAYON_NUM_THREADS"]);
 }
 
+/// Meaningless numbers in a configuration file.
 #[test]
 fn configurations_are_refused_by_field() {
     let folder = tempfile::tempdir().unwrap();

@@ -3,13 +3,16 @@
 use super::session::{Socket, Viewer, request};
 use super::{beside, scene};
 use crate::program::ended::copy;
-use crate::program::faults::harness::{content, end, program, run, undisturbed};
+use crate::program::faults::harness::{content, end, program, run, undisturbed, validated};
 use serde_json::Value;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+/// A watched run, validated: the painter's work comes between that of the training.
 fn watched(out: &Path) -> Viewer {
-    Viewer::of(run(out, &["--view"]))
+    let mut command = run(out, &["--view"]);
+    validated(&mut command);
+    Viewer::of(command)
 }
 
 /// A request from a camera of the scene that has turned by some steps.

@@ -262,6 +262,16 @@ fn depth_maps() -> Vec<Input> {
             Reader::Depth,
             npy("<u2", "(1, 9, 12)", values().flat_map(|v| (v as u16).to_le_bytes()).collect()),
         ),
+        lone(
+            "torch.npy",
+            Reader::Depth,
+            npy("<f4", "(1, 1, 9, 12)", values().flat_map(|v| (v as f32).to_le_bytes()).collect()),
+        ),
+        lone(
+            "a.jpg.geometric.bin",
+            Reader::Depth,
+            [b"12&9&1&".to_vec(), values().flat_map(|v| (v as f32).to_le_bytes()).collect()].concat(),
+        ),
         lone("depth.png", Reader::Depth, encoded("a.png", image::DynamicImage::ImageLuma16(steps))),
         lone("depth.exr", Reader::Depth, encoded("a.exr", image::DynamicImage::ImageRgb32F(floats))),
     ]

@@ -2,65 +2,24 @@
 
 use rayon::prelude::*;
 
-use super::super::bytes::field;
 use super::super::fault::{Fault, malformed};
 use super::super::limit::fits;
 use super::AGAIN;
 use super::container::Store;
 use super::document::{Accessor, Place, Shape};
+use crate::ply::{Kind, Slot};
 
-/// A type of numbers in a buffer.
-#[derive(Clone, Copy)]
-enum Component {
-    I8,
-    U8,
-    I16,
-    U16,
-    U32,
-    F32,
-}
-
-impl Component {
-    fn parse(code: u32) -> Option<Self> {
-        Some(match code {
-            5120 => Self::I8,
-            5121 => Self::U8,
-            5122 => Self::I16,
-            5123 => Self::U16,
-            5125 => Self::U32,
-            5126 => Self::F32,
-            _ => return None,
-        })
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::U32 | Self::F32 => 4,
-        }
-    }
-
-    /// The value at the beginning of `bytes`, and the greatest one of its type.
-    fn value(self, bytes: &[u8]) -> (f32, f32) {
-        fn of<const N: usize>(bytes: &[u8]) -> [u8; N] {
-            field(bytes, 0).unwrap_or([0; N])
-        }
-        match self {
-            Self::I8 => (f32::from(i8::from_le_bytes(of(bytes))), 127.0),
-            Self::U8 => (f32::from(u8::from_le_bytes(of(bytes))), 255.0),
-            Self::I16 => (f32::from(i16::from_le_bytes(of(bytes))), 32767.0),
-            Self::U16 => (f32::from(u16::from_le_bytes(of(bytes))), 65535.0),
-            Self::U32 => (u32::from_le_bytes(of(bytes)) as f32, u32::MAX as f32),
-            Self::F32 => (f32::from_le_bytes(of(bytes)), 1.0),
-        }
-    }
-
-    /// The value, in [-1, 1] if it is `normalized`.
-    fn float(self, bytes: &[u8], normalized: bool) -> f32 {
-        let (value, greatest) = self.value(bytes);
-        if normalized && !matches!(self, Self::F32) { (value / greatest).max(-1.0) } else { value }
-    }
+/// The type of numbers with this code, and its greatest number.
+fn component(code: u32) -> Option<(Kind, f32)> {
+    Some(match code {
+        5120 => (Kind::I8, 127.0),
+        5121 => (Kind::U8, 255.0),
+        5122 => (Kind::I16, 32767.0),
+        5123 => (Kind::U16, 65535.0),
+        5125 => (Kind::U32, u32::MAX as f32),
+        5126 => (Kind::F32, 1.0),
+        _ => return None,
+    })
 }
 
 /// Numbers of one element.
@@ -78,25 +37,22 @@ fn width(shape: Shape) -> usize {
 struct Rows<'a> {
     bytes: &'a [u8],
     stride: usize,
-    component: Component,
-    normalized: bool,
+    kind: Kind,
+    /// The number that stands for 1, if it is another.
+    one: Option<f32>,
 }
 
 impl Rows<'_> {
     fn read(&self, i: usize, out: &mut [f32]) {
-        let size = self.component.size();
         for (k, out) in out.iter_mut().enumerate() {
-            *out = self.component.float(&self.bytes[i * self.stride + k * size..], self.normalized);
+            let value = Slot::first(self.kind).float(&self.bytes[i * self.stride + k * self.kind.size()..]);
+            *out = self.one.map_or(value, |one| (value / one).max(-1.0));
         }
     }
 
     /// The first number of an element as a whole number, which float32 might not hold.
     fn whole(&self, i: usize) -> usize {
-        let bytes = &self.bytes[i * self.stride..];
-        match self.component {
-            Component::U32 => u32::from_le_bytes(field(bytes, 0).unwrap_or_default()) as usize,
-            component => component.value(bytes).0 as usize,
-        }
+        Slot::first(self.kind).value(&self.bytes[i * self.stride..]) as usize
     }
 }
 
@@ -176,9 +132,9 @@ impl Store<'_> {
     fn rows(&self, index: usize, view: usize, offset: usize, n: usize) -> Result<Rows<'_>, Fault> {
         let accessor = self.accessor(index)?;
         let place = Place { buffer_view: view, byte_offset: offset, component_type: None };
-        let mut rows = self.packed(index, &place, Some(accessor.component_type), width(accessor.shape), n)?;
-        rows.normalized = accessor.normalized;
-        Ok(rows)
+        let rows = self.packed(index, &place, Some(accessor.component_type), width(accessor.shape), n)?;
+        let (_, greatest) = component(accessor.component_type).filter(|_| accessor.normalized).unzip();
+        Ok(Rows { one: greatest.filter(|_| rows.kind != Kind::F32), ..rows })
     }
 
     /// `n` elements of `columns` numbers of the type `code` at a place, whose view says how far apart they are.
@@ -191,16 +147,16 @@ impl Store<'_> {
         n: usize,
     ) -> Result<Rows<'_>, Fault> {
         let record = || format!("accessor {index}");
-        let component = code.and_then(Component::parse);
-        let component =
-            component.ok_or_else(|| malformed(record(), format!("component type {code:?} does not exist; {AGAIN}")))?;
+        let found = code.and_then(component);
+        let (kind, _) =
+            found.ok_or_else(|| malformed(record(), format!("component type {code:?} does not exist; {AGAIN}")))?;
         let (view, bytes) = self.view(place.buffer_view)?;
-        let element = component.size() * columns;
+        let element = kind.size() * columns;
         let stride = view.byte_stride.unwrap_or(element);
         let need = n.checked_sub(1).map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(element));
         let bytes = bytes.get(place.byte_offset..).filter(|rest| need.is_some_and(|need| need <= rest.len()));
         match bytes {
-            Some(bytes) if stride >= element => Ok(Rows { bytes, stride, component, normalized: false }),
+            Some(bytes) if stride >= element => Ok(Rows { bytes, stride, kind, one: None }),
             Some(_) => Err(malformed(record(), format!("elements of {element} bytes, {stride} apart; {AGAIN}"))),
             None => Err(malformed(
                 record(),

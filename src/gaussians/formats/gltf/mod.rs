@@ -17,7 +17,7 @@ use std::path::Path;
 use super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert, convert_place};
 use super::fault::{Fault, malformed};
 use super::limit::fits;
-use super::{Format, Gaussians, Parsed, Tag};
+use super::{Format, Gaussians, Parsed, Tag, turn};
 use crate::wording::shown;
 pub(super) use write::write;
 
@@ -66,7 +66,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
                     let what = format!("placed too often for a file of {} bytes; {AGAIN}", store.bytes);
                     return Err(malformed(record, what));
                 }
-                placed.apply(&mut part, map, &mut origin)?;
+                turn::place(&mut part, map, &mut origin, &format!("node {}", placed.node))?;
                 if found {
                     model.append(&part);
                 } else {

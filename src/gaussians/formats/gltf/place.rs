@@ -2,9 +2,7 @@
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 
-use super::super::Gaussians;
 use super::super::fault::{Fault, malformed};
-use super::super::turn::place;
 use super::container::Store;
 use super::document::{Copies, Document, Node};
 use super::{AGAIN, MOST_PLACED};
@@ -12,7 +10,7 @@ use super::{AGAIN, MOST_PLACED};
 /// A mesh, and the map from its node's axes to the scene's.
 pub(super) struct Placed {
     pub mesh: usize,
-    node: usize,
+    pub node: usize,
     pub map: DAffine3,
 }
 
@@ -96,16 +94,5 @@ impl Placed {
         let maps: Vec<DAffine3> =
             rows.map(|((s, r), t)| self.map * affine(s.map(f64::from), r.map(f64::from), t.map(f64::from))).collect();
         if maps.iter().all(DAffine3::is_finite) { Ok(maps) } else { Err(fault("a copy's place is not finite".into())) }
-    }
-
-    /// Moves Gaussians to the place of a copy; `origin` is the local origin of all.
-    pub(super) fn apply(&self, model: &mut Gaussians, map: &DAffine3, origin: &mut Option<DVec3>) -> Result<(), Fault> {
-        if !place(model, map, origin) {
-            return Err(Fault::Unsupported(format!(
-                "node {} is scaled by different factors along its axes; apply its transform in the program that made it",
-                self.node
-            )));
-        }
-        Ok(())
     }
 }

@@ -1,9 +1,11 @@
-//! Writing GLB: one primitive, one buffer view for each attribute, floats throughout.
+//! Writing GLB, and glTF with its buffer in base64: one primitive, one buffer view for each attribute, floats throughout.
 //!
 //! `COLOR_0`, in bytes, is for programs that show points where they do not know splats; its colours are linear.
 
 use std::io::{self, Write};
 
+use base64::engine::general_purpose::STANDARD;
+use base64::write::EncoderWriter;
 use serde_json::{Map, Value, json};
 
 use super::super::axes::{LEFT_UP_FRONT, RIGHT_DOWN_FRONT, convert, convert_place};
@@ -14,6 +16,8 @@ use super::{EXTENSION, TAG};
 
 /// Bytes of the file's header, and of a chunk's.
 const HEADERS: usize = 12 + 8 + 8;
+/// URI of a text's buffer, up to its content.
+const URI: &str = "data:application/octet-stream;base64,";
 const FLOAT: u32 = 5126;
 const BYTE: u32 = 5121;
 /// Gaussians between two writes.
@@ -31,38 +35,57 @@ struct Attribute {
     coefficient: [usize; 2],
 }
 
-/// Writes a whole file, or says why glTF cannot hold the model.
+/// Writes a whole file, as JSON if `text`, or says why glTF cannot hold the model.
 pub(in super::super) fn write(
     model: &Gaussians,
-    mode: RenderMode,
-    origin: [f64; 3],
+    (mode, origin): (RenderMode, [f64; 3]),
+    text: bool,
 ) -> Result<impl FnOnce(&mut dyn Write) -> io::Result<()>, Fault> {
     let mut model = model.clone();
     convert(&mut model, RIGHT_DOWN_FRONT, LEFT_UP_FRONT);
     let attributes = if model.is_empty() { Vec::new() } else { attributes(model.degree()) };
-    let binary = attributes.iter().map(|a| a.bytes).sum::<usize>() * model.len();
+    let size = attributes.iter().map(|a| a.bytes).sum::<usize>() * model.len();
     let place = convert_place(origin.into(), RIGHT_DOWN_FRONT, LEFT_UP_FRONT).to_array();
-    let mut json = document(&model, (mode, place), &attributes).to_string();
+    let mut document = document(&model, (mode, place), &attributes);
+    if text && !model.is_empty() {
+        document["buffers"][0]["uri"] = URI.into();
+    }
+    let mut json = document.to_string();
     json.extend(std::iter::repeat_n(' ', json.len().wrapping_neg() % 4));
-    let length = u32::try_from(HEADERS + json.len() + binary);
-    let length = length.map_err(|_| Fault::Unsupported("larger than the 4 GiB of a GLB; write .ply".into()))?;
+    let length = HEADERS + json.len() + size;
+    if !text && u32::try_from(length).is_err() {
+        return Err(Fault::Unsupported("larger than the 4 GiB of a GLB; write .ply".into()));
+    }
     Ok(move |out: &mut dyn Write| {
-        let word = |value: usize| (value as u32).to_le_bytes();
-        out.write_all(&[*b"glTF", word(2), word(length as usize), word(json.len()), *b"JSON"].concat())?;
-        out.write_all(json.as_bytes())?;
-        out.write_all(&[word(binary), *b"BIN\0"].concat())?;
-        let mut block = Vec::new();
-        for attribute in &attributes {
-            for start in (0..model.len()).step_by(BLOCK) {
-                block.clear();
-                for i in start..model.len().min(start + BLOCK) {
-                    (attribute.element)(&model, i, attribute.coefficient, &mut block);
-                }
-                out.write_all(&block)?;
-            }
+        if text {
+            let Some((before, after)) = json.split_once(URI) else { return out.write_all(json.as_bytes()) };
+            out.write_all(before.as_bytes())?;
+            out.write_all(URI.as_bytes())?;
+            let mut encoder = EncoderWriter::new(&mut *out, &STANDARD);
+            binary(&model, &attributes, &mut encoder)?;
+            return encoder.finish()?.write_all(after.as_bytes());
         }
-        Ok(())
+        let word = |value: usize| (value as u32).to_le_bytes();
+        out.write_all(&[*b"glTF", word(2), word(length), word(json.len()), *b"JSON"].concat())?;
+        out.write_all(json.as_bytes())?;
+        out.write_all(&[word(size), *b"BIN\0"].concat())?;
+        binary(&model, &attributes, out)
     })
+}
+
+/// Writes the content of the buffer.
+fn binary(model: &Gaussians, attributes: &[Attribute], out: &mut dyn Write) -> io::Result<()> {
+    let mut block = Vec::new();
+    for attribute in attributes {
+        for start in (0..model.len()).step_by(BLOCK) {
+            block.clear();
+            for i in start..model.len().min(start + BLOCK) {
+                (attribute.element)(model, i, attribute.coefficient, &mut block);
+            }
+            out.write_all(&block)?;
+        }
+    }
+    Ok(())
 }
 
 fn push(out: &mut Vec<u8>, values: &[f32]) {

@@ -22,11 +22,11 @@ pub(super) const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "pac
 /// Width of the range of SH coefficients, of which 0 is the middle.
 pub(super) const SH_RANGE: f32 = 8.0;
 
-/// Limits of a chunk: least and greatest of position, log-scale and colour.
-struct Limits {
-    position: [[f32; 3]; 2],
-    scale: [[f32; 3]; 2],
-    colour: [[f32; 3]; 2],
+/// Least and greatest of position, log-scale and colour in a chunk.
+#[derive(Clone, Copy)]
+pub(super) struct Range {
+    pub low: [f32; 9],
+    pub high: [f32; 9],
 }
 
 /// Unpacks the vertex table by the chunk table; `sh` holds bands 1 and up.
@@ -44,19 +44,15 @@ pub(super) fn gaussians(chunk: &Table, vertex: &Table, sh: Option<&Table>) -> Re
 
     let rows = || vertex.rows().par_chunks_exact(vertex.stride).enumerate();
     let mut model = Gaussians {
-        means: rows()
-            .map(|(i, row)| between(&limits[i / CHUNK].position, unpack_11_10_11(position.bits(row))))
-            .collect(),
-        log_scales: rows()
-            .map(|(i, row)| between(&limits[i / CHUNK].scale, unpack_11_10_11(scale.bits(row))))
-            .collect(),
+        means: rows().map(|(i, row)| limits[i / CHUNK].at(0, unpack_11_10_11(position.bits(row)))).collect(),
+        log_scales: rows().map(|(i, row)| limits[i / CHUNK].at(1, unpack_11_10_11(scale.bits(row)))).collect(),
         rotations: rows().map(|(_, row)| unpack_rotation(rotation.bits(row))).collect(),
         opacity_logits: rows().map(|(_, row)| logit_of_byte(colour.bits(row) as u8)).collect(),
         sh: vec![vec![0.0; n * 3]],
     };
     model.sh[0].par_chunks_exact_mut(3).zip(rows()).for_each(|(out, (i, row))| {
         let [red, green, blue, _] = colour.bits(row).to_be_bytes().map(|byte| f32::from(byte) / 255.0);
-        out.copy_from_slice(&between(&limits[i / CHUNK].colour, [red, green, blue]).map(sh0_of_colour));
+        out.copy_from_slice(&limits[i / CHUNK].at(2, [red, green, blue]).map(sh0_of_colour));
     });
     if let Some(sh) = sh {
         if sh.len() != n {
@@ -72,34 +68,25 @@ pub(super) fn gaussians(chunk: &Table, vertex: &Table, sh: Option<&Table>) -> Re
     Ok(model)
 }
 
-fn limits(chunk: &Table) -> Result<Vec<Limits>, Fault> {
-    let triple = |end: &str, axes: [&str; 3]| -> Result<Vec<Slot>, Fault> {
-        axes.iter().map(|axis| Ok(chunk.slot(&format!("{end}_{axis}"))?)).collect()
-    };
-    let [xyz, sizes, rgb] = LIMITS;
-    let position = [triple("min", xyz)?, triple("max", xyz)?];
-    let scale = [triple("min", sizes)?, triple("max", sizes)?];
+fn limits(chunk: &Table) -> Result<Vec<Range>, Fault> {
     // Early writers had no colour limits: colours span [0, 1] there.
-    let colour = match chunk.find("min_r") {
-        Some(_) => Some([triple("min", rgb)?, triple("max", rgb)?]),
-        None => None,
+    let parts = if chunk.find("min_r").is_some() { 3 } else { 2 };
+    let slots = |end: &str| -> Result<Vec<Slot>, Fault> {
+        LIMITS[..parts].as_flattened().iter().map(|axis| Ok(chunk.slot(&format!("{end}_{axis}"))?)).collect()
     };
-    let get =
-        |row: &[u8], slots: &[Vec<Slot>; 2]| [0, 1].map(|end| [0, 1, 2].map(|axis: usize| slots[end][axis].float(row)));
-    Ok(chunk
-        .rows()
-        .chunks_exact(chunk.stride)
-        .map(|row| Limits {
-            position: get(row, &position),
-            scale: get(row, &scale),
-            colour: colour.as_ref().map_or([[0.0; 3], [1.0; 3]], |colour| get(row, colour)),
-        })
-        .collect())
+    let (low, high) = (slots("min")?, slots("max")?);
+    let get = |row: &[u8], slots: &[Slot], usual: f32| {
+        std::array::from_fn(|k| slots.get(k).map_or(usual, |slot| slot.float(row)))
+    };
+    let range = |row: &[u8]| Range { low: get(row, &low, 0.0), high: get(row, &high, 1.0) };
+    Ok(chunk.rows().chunks_exact(chunk.stride).map(range).collect())
 }
 
-/// Linear interpolation; exact at both ends.
-fn between(limits: &[[f32; 3]; 2], t: [f32; 3]) -> [f32; 3] {
-    [0, 1, 2].map(|axis: usize| limits[0][axis] * (1.0 - t[axis]) + limits[1][axis] * t[axis])
+impl Range {
+    /// Linear interpolation of a part: position, log-scale or colour; exact at both ends.
+    fn at(&self, part: usize, t: [f32; 3]) -> [f32; 3] {
+        [0, 1, 2].map(|axis: usize| self.low[3 * part + axis] * (1.0 - t[axis]) + self.high[3 * part + axis] * t[axis])
+    }
 }
 
 fn unpack_11_10_11(word: u32) -> [f32; 3] {

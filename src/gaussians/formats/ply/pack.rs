@@ -6,20 +6,13 @@ use rayon::prelude::*;
 
 use super::super::bytes::{SH_C0, to_smallest_three};
 use super::super::{Gaussians, RenderMode};
-use super::compressed::{CHUNK, LIMITS, PACKED, SH_RANGE};
+use super::compressed::{CHUNK, LIMITS, PACKED, Range, SH_RANGE};
 use super::write::{above_band_0, begin};
 use crate::gaussians::opacity;
 use crate::gaussians::order::z_order;
 
 /// Log-scales beyond this, of infinite or vanishing size, would spoil the others of their chunk.
 const SCALE_LIMIT: f32 = 20.0;
-
-/// Least and greatest of position, log-scale and colour in a chunk.
-#[derive(Clone, Copy)]
-struct Range {
-    low: [f32; 9],
-    high: [f32; 9],
-}
 
 /// Writes a whole file; the order of the Gaussians is not kept. `origin` is the local origin of the means.
 pub(in super::super) fn write(

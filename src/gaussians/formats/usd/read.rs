@@ -67,13 +67,7 @@ pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
     let (mut model, mut tags, mut origin) = (None, Vec::new(), None);
     for (mut part, tag, map) in parts {
         tags.push(tag.or(&of_layer));
-        if !place(&mut part, &(upright * map), &mut origin) {
-            return Err(Fault::Unsupported(
-                "a prim is scaled by different factors along its axes; apply its transform in the program that made the \
-                 file"
-                    .into(),
-            ));
-        }
+        place(&mut part, &(upright * map), &mut origin, "a prim")?;
         match &mut model {
             None => model = Some(part),
             Some(model) => model.append(&part),

@@ -190,7 +190,6 @@ impl Arm {
         Self { compression: Some(compression), ..Self::not_pruned(Grown::Together) }
     }
 
-    /// Applies suffixes.
     fn take(&mut self, suffixes: &Suffixes) {
         if let Some(compression) = &mut self.compression {
             if let Some(share) = suffixes.share {

@@ -40,7 +40,6 @@ impl Suffix {
     }
 }
 
-/// The suffixes of an arm.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Suffixes {
     /// The suffixes that were given, in their order.

@@ -9,12 +9,10 @@ use crate::kernels::lab::{
     LearntMaskSpec as Spec,
 };
 use crate::primitives::WORKGROUP;
-use crate::render::TrainingRenderer;
-use crate::scene::camera::Camera;
 use crate::train::density::compact;
 use crate::train::method::{Changed, Cut, Iteration, Method, Pause};
 use crate::train::schedule::Schedule;
-use crate::train::{ArrayKind, Result, TrainingModel};
+use crate::train::{ArrayKind, Result};
 
 /// Names of the masks' scores, by method, and of their first and second moments.
 const SCORES: &str = "mask scores";
@@ -48,11 +46,84 @@ impl LearntMask {
         Ok(Self { settings, shown: device.upload("shown", &[0])? })
     }
 
-    /// A picture of an iteration; `None` if its model has no masks.
-    fn picture<'a>(&'a self, now: &Iteration<'a>) -> Option<Masked<'a>> {
-        let Iteration { renderer, camera, model, key, .. } = *now;
-        let (scores, moments) = (model.array(SCORES)?, model.array(MOMENTS)?);
-        Some(Masked { renderer, camera, model, scores, moments, shown: &self.shown, settings: &self.settings, key })
+    /// Records the hiding of masked Gaussians, between [`crate::render::Renderer::record_lists`] and
+    /// [`crate::render::Renderer::record_blending`].
+    pub fn hide(&self, recording: &mut Recording, now: &Iteration<'_>) {
+        let Iteration { renderer, camera, model, key: [seed, iteration], .. } = *now;
+        let Some(scores) = model.array(SCORES) else { return };
+        let slots = renderer.slots(camera);
+        let kernel = Kernel {
+            pairs: slots.pairs,
+            count: &model.count().value,
+            scores,
+            tile_counts: slots.tile_counts,
+            shape: slots.shape,
+            shown: &self.shown,
+            push: Push { pair_limit: slots.limit, seed, iteration },
+            spec: Spec { workgroup: WORKGROUP, sampled: self.settings.method.samples() },
+        };
+        recording.scope(NAME, |r| {
+            r.fill(&self.shown, 0);
+            r.dispatch(&kernel, model.count().groups(WORKGROUP));
+        });
+    }
+
+    /// Records the gradients by the masks into the slots' sums by blue, which the backward pass no longer needs by then.
+    pub fn gradients(recording: &mut Recording, now: &Iteration<'_>) {
+        let Iteration { renderer, camera, image_gradient, colours, .. } = *now;
+        let (slots, subgroup) = (renderer.slots(camera), renderer.device().info().subgroup_size);
+        let kernel = Gradient {
+            view: slots.view,
+            starts: slots.starts,
+            slots: slots.sorted,
+            owners: slots.owners,
+            geometry: slots.geometry,
+            shape: slots.shape,
+            colour: slots.colour,
+            image: renderer.image(),
+            image_gradient,
+            sums: &slots.sums.blue,
+            spec: GradientSpec {
+                workgroup: subgroup,
+                tile: slots.tile,
+                stride: slots.stride,
+                pixels: slots.tile * slots.tile / subgroup,
+                stop: slots.stop,
+                colours,
+            },
+        };
+        recording.scope(NAME, |r| r.dispatch(&kernel, Groups::Count(slots.tiles)));
+    }
+
+    /// Records a step of Adam for the scores, from the rows of gradients or from [`Self::gradients`], while the
+    /// parameters are still those of the drawn picture. A Gaussian with a non-finite gradient keeps its score.
+    pub fn step(&self, recording: &mut Recording, now: &Iteration<'_>) {
+        let Iteration { renderer, camera, model, key: [seed, iteration], .. } = *now;
+        let (Some(scores), Some(moments)) = (model.array(SCORES), model.array(MOMENTS)) else { return };
+        let slots = renderer.slots(camera);
+        let left = |beta: f64| 1.0 - beta.powf(f64::from(iteration));
+        let kernel = Adam {
+            pairs: slots.pairs,
+            count: &model.count().value,
+            tile_counts: slots.tile_counts,
+            first_slots: slots.first_slots,
+            sums: &slots.sums.blue,
+            rows: renderer.gradient_rows().values,
+            logits: &model.model.parameters.opacity_logits,
+            shown: &self.shown,
+            scores,
+            moments: &moments.cast(),
+            push: AdamPush {
+                correction: [(1.0 / left(BETA1)) as f32, (1.0 / left(BETA2).sqrt()) as f32],
+                rate: self.settings.step_rate() as f32,
+                weight: self.settings.weight as f32,
+                pair_limit: slots.limit,
+                seed,
+                iteration,
+            },
+            spec: AdamSpec { workgroup: WORKGROUP, sampled: self.settings.method.samples() },
+        };
+        recording.scope(NAME, |r| r.dispatch(&kernel, model.count().groups(WORKGROUP)));
     }
 }
 
@@ -70,18 +141,15 @@ impl Method for LearntMask {
     }
 
     fn before_blending(&self, recording: &mut Recording, now: &Iteration<'_>) {
-        if let Some(picture) = self.picture(now) {
-            picture.hide(recording);
-        }
+        self.hide(recording, now);
     }
 
     /// Records the step of the masks, while the parameters are still those of the drawn picture.
     fn before_adam(&self, recording: &mut Recording, now: &Iteration<'_>) {
-        let Some(picture) = self.picture(now) else { return };
         if self.settings.method.samples() {
-            picture.gradients(recording, now.image_gradient, now.colours);
+            Self::gradients(recording, now);
         }
-        picture.step(recording);
+        self.step(recording, now);
     }
 
     /// Removes masked Gaussians, or cuts the model to the survivors and ends the masks.
@@ -98,105 +166,5 @@ impl Method for LearntMask {
         }
         let cut = over.then_some(Cut { iteration, before, shown, after: stay.len() });
         Ok(Changed { rows, cut })
-    }
-}
-
-/// A picture of Gaussians with masks.
-#[derive(Clone, Copy)]
-pub struct Masked<'a> {
-    /// The renderer that draws it.
-    pub renderer: &'a TrainingRenderer,
-    /// Its camera.
-    pub camera: &'a Camera,
-    /// The model.
-    pub model: &'a TrainingModel,
-    /// By Gaussian: score of its mask.
-    pub scores: &'a Buffer<f32>,
-    /// The scores' first and second moments.
-    pub moments: &'a Buffer<f32>,
-    /// Number of Gaussians that are not masked.
-    pub shown: &'a Buffer<u32>,
-    /// Settings of the masks.
-    pub settings: &'a LearntMasks,
-    /// The run's seed and the iteration (the first is 1): the key of random masks, and the number of Adam's step.
-    pub key: [u32; 2],
-}
-
-impl Masked<'_> {
-    /// Records the hiding of masked Gaussians, between [`crate::render::Renderer::record_lists`] and
-    /// [`crate::render::Renderer::record_blending`].
-    pub fn hide(&self, recording: &mut Recording) {
-        let (slots, [seed, iteration]) = (self.renderer.slots(self.camera), self.key);
-        let kernel = Kernel {
-            pairs: slots.pairs,
-            count: &self.model.count().value,
-            scores: self.scores,
-            tile_counts: slots.tile_counts,
-            shape: slots.shape,
-            shown: self.shown,
-            push: Push { pair_limit: slots.limit, seed, iteration },
-            spec: Spec { workgroup: WORKGROUP, sampled: self.settings.method.samples() },
-        };
-        recording.scope(NAME, |r| {
-            r.fill(self.shown, 0);
-            r.dispatch(&kernel, self.model.count().groups(WORKGROUP));
-        });
-    }
-
-    /// Records the gradients by the masks into the slots' sums by blue, which the backward pass no longer needs by
-    /// then. With `colours`, the fourth component of the gradient by the picture is not a gradient.
-    pub fn gradients(&self, recording: &mut Recording, by_image: &Buffer<[f32; 4]>, colours: bool) {
-        let slots = self.renderer.slots(self.camera);
-        let subgroup = self.renderer.device().info().subgroup_size;
-        let kernel = Gradient {
-            view: slots.view,
-            starts: slots.starts,
-            slots: slots.sorted,
-            owners: slots.owners,
-            geometry: slots.geometry,
-            shape: slots.shape,
-            colour: slots.colour,
-            image: self.renderer.image(),
-            image_gradient: by_image,
-            sums: &slots.sums.blue,
-            spec: GradientSpec {
-                workgroup: subgroup,
-                tile: slots.tile,
-                stride: slots.stride,
-                pixels: slots.tile * slots.tile / subgroup,
-                stop: slots.stop,
-                colours,
-            },
-        };
-        recording.scope(NAME, |r| r.dispatch(&kernel, Groups::Count(slots.tiles)));
-    }
-
-    /// Records a step of Adam for the scores, from the rows of gradients or from [`Masked::gradients`], while the
-    /// parameters are still those of the drawn picture. A Gaussian with a non-finite gradient keeps its score.
-    pub fn step(&self, recording: &mut Recording) {
-        let (slots, [seed, iteration]) = (self.renderer.slots(self.camera), self.key);
-        let left = |beta: f64| 1.0 - beta.powf(f64::from(iteration));
-        let kernel = Adam {
-            pairs: slots.pairs,
-            count: &self.model.count().value,
-            tile_counts: slots.tile_counts,
-            first_slots: slots.first_slots,
-            sums: &slots.sums.blue,
-            rows: self.renderer.gradient_rows().values,
-            logits: &self.model.model.parameters.opacity_logits,
-            shown: self.shown,
-            scores: self.scores,
-            moments: &self.moments.cast(),
-            push: AdamPush {
-                correction: [(1.0 / left(BETA1)) as f32, (1.0 / left(BETA2).sqrt()) as f32],
-                rate: self.settings.step_rate() as f32,
-                weight: self.settings.weight as f32,
-                pair_limit: slots.limit,
-                seed,
-                iteration,
-            },
-            spec: AdamSpec { workgroup: WORKGROUP, sampled: self.settings.method.samples() },
-        };
-        recording.scope(NAME, |r| r.dispatch(&kernel, self.model.count().groups(WORKGROUP)));
     }
 }

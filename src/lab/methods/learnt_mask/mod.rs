@@ -5,7 +5,7 @@
 
 mod device;
 
-pub use device::{LearntMask, Masked};
+pub use device::LearntMask;
 
 use crate::job::config::MethodConfig;
 use crate::job::config::ranges::{MOST_GAUSSIANS, SHARE, WEIGHT, within};

@@ -1,6 +1,7 @@
 //! COLMAP models: cameras, images and points3D, binary or text.
 
 mod binary;
+mod split;
 mod text;
 
 use crate::extension::has_extension;
@@ -9,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DVec2, DVec3};
 
+use self::split::Roles;
 use super::lookup::Lookup;
 use super::masks::Masks;
 use super::names;
@@ -16,7 +18,7 @@ use super::notes::no_lens;
 use super::tree::photo_folders;
 use super::{Listing, clouds, files, pose};
 use crate::scene::lens::{Lens, LensModel};
-use crate::scene::view::{Role, View};
+use crate::scene::view::View;
 use crate::scene::{Error, Misfit, Names, OpenOptions, Point, SceneKind, Skipped};
 use crate::wording::counted;
 
@@ -130,10 +132,14 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     } else {
         HashMap::new()
     };
-    let held_out = held_out(model, &rows, &mut skipped);
+    let mut roles = Roles::of(&root, model, &rows, &mut skipped);
     let mut views = Vec::with_capacity(rows.len());
     let (mut faulty, mut fault, mut left_out) = (Names::default(), None, Vec::new());
     for row in rows {
+        let Some(role) = roles.find(&row.name) else {
+            left_out.push(photos.find(row.name).1);
+            continue;
+        };
         let lens = match cameras.get(&row.camera_id) {
             Some(Ok(lens)) => *lens,
             Some(Err(_)) => {
@@ -151,15 +157,11 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
         let marks: Vec<(DVec2, DVec3)> =
             row.marks.iter().filter_map(|(at, id)| Some((*at, *places.get(id)?))).collect();
         let misfit = Misfit::of(&lens, pose, &marks);
-        let role = match held_out.is_empty() {
-            true => Role::Unsaid,
-            false if held_out.contains(&names::key(&row.name)) => Role::Test,
-            false => Role::Train,
-        };
         let (name, image) = photos.find(row.name);
         let view = View { image, misfit, camera_id: row.camera_id, role, ..View::new(name, lens, pose) };
         views.push((row.id, view));
     }
+    skipped.notes.extend(roles.note());
     if let Some(Err(error)) = fault.and_then(|id| cameras.remove(&id)) {
         if views.is_empty() {
             return Err(error);
@@ -229,25 +231,6 @@ impl<'a> Photos<'a> {
         let image = self.images.join(&name);
         (name, image)
     }
-}
-
-/// The keys of the photos that test.txt beside the model's files holds out, as 3DGS writes it; empty if there is none.
-fn held_out(model: &Path, rows: &[ImageRow], skipped: &mut Skipped) -> HashSet<String> {
-    let file = files::child(model, "test.txt");
-    let Some(text) = file.is_file().then(|| files::read_text(&file)) else { return HashSet::new() };
-    let lines = text.unwrap_or_default();
-    let known: HashSet<String> = rows.iter().map(|row| names::key(&row.name)).collect();
-    let named = lines.lines().filter(|line| !line.trim().is_empty()).map(|line| names::key(line.trim()));
-    let (named, unknown): (HashSet<String>, HashSet<String>) = named.partition(|name| known.contains(name));
-    skipped.notes.push(match named.len() {
-        0 => format!("{} names no photo: nothing is held out by it", file.display()),
-        some => format!("{} held out, as {} says", counted(some, "photo"), file.display()),
-    });
-    if !named.is_empty() && !unknown.is_empty() {
-        let names = counted(unknown.len(), "name");
-        skipped.notes.push(format!("{names} in {} that no photo has", file.display()));
-    }
-    named
 }
 
 /// The scene of a model folder given by itself: the folder or the nearest of its three parents with a folder of photos.

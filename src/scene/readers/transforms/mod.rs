@@ -33,8 +33,9 @@ use intrinsics::Intrinsics;
 const ROUNDED: f64 = 8.0;
 
 /// Gathers frames of one or three files.
-struct Reader<'a> {
-    root: &'a Path,
+#[derive(Default)]
+struct Reader {
+    root: PathBuf,
     images: Option<PathBuf>,
     views: Vec<View>,
     skipped: Skipped,
@@ -62,22 +63,7 @@ struct Reader<'a> {
 /// looked for in all of `outer`.
 pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions) -> Result<Listing, Error> {
     let images = options.images.as_ref().map(|asked| files::image_folder(root, asked)).transpose()?;
-    let mut reader = Reader {
-        root,
-        images,
-        views: Vec::new(),
-        skipped: Skipped::default(),
-        usual_size: None,
-        camera_ids: HashMap::new(),
-        lookup: Lookup::of(outer),
-        folders: Folders::default(),
-        bad_frames: 0,
-        moving_frames: 0,
-        called_fisheye: 0,
-        faulty: Names::default(),
-        left_out: Vec::new(),
-        fault: None,
-    };
+    let mut reader = Reader { root: root.to_owned(), images, lookup: Lookup::of(outer), ..Reader::default() };
     let mut points = Vec::new();
     let sisters = [
         ("transforms_train.json", Role::Train),
@@ -104,8 +90,8 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
         }
         SceneKind::Transforms
     };
-    let Reader { mut views, mut skipped, images, bad_frames, moving_frames, called_fisheye, .. } = reader;
-    let (faulty, left_out) = (reader.faulty, reader.left_out);
+    let Reader { mut views, mut skipped, images, bad_frames, moving_frames, called_fisheye, faulty, left_out, .. } =
+        reader;
     if let Some(error) = reader.fault {
         if views.is_empty() {
             return Err(error);
@@ -132,7 +118,7 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     Ok(Listing { kind, root: root.to_owned(), source: path.to_owned(), views, points, skipped, photos, left_out })
 }
 
-impl Reader<'_> {
+impl Reader {
     fn file(&mut self, path: &Path, role: Role) -> Result<Whole, Error> {
         let text = files::read_text(path)?;
         // Writers in Python know numbers that JSON does not.
@@ -263,8 +249,8 @@ impl Reader<'_> {
         };
         let camera_id = self.camera_id(&lens);
         let (mask, depth) = (frame.mask_path, frame.depth_file_path.or(frame.depth_path));
-        let mask = listed(&mut self.folders, self.root, mask.as_deref(), &mut self.skipped.missing_masks);
-        let depth = listed(&mut self.folders, self.root, depth.as_deref(), &mut self.skipped.missing_depths);
+        let mask = listed(&mut self.folders, &self.root, mask.as_deref(), &mut self.skipped.missing_masks);
+        let depth = listed(&mut self.folders, &self.root, depth.as_deref(), &mut self.skipped.missing_depths);
         let role = roles.get(&name).copied().unwrap_or(role);
         let image = self.photo(&name, usual);
         self.views.push(View { image, mask, depth, camera_id, role, ..View::new(name, lens, pose) });
@@ -284,7 +270,7 @@ impl Reader<'_> {
 
     /// The size of a frame's photo, of which a smaller copy of this size was found.
     fn whole_size(&self, name: &str, found: &Path, (width, height): (u32, u32)) -> (u32, u32) {
-        let folder = found.strip_prefix(self.root).ok().and_then(|path| path.iter().next()).and_then(OsStr::to_str);
+        let folder = found.strip_prefix(&self.root).ok().and_then(|path| path.iter().next()).and_then(OsStr::to_str);
         let factor = folder.filter(|_| name.starts_with("images/")).map_or(1, reduction);
         (width.saturating_mul(factor), height.saturating_mul(factor))
     }
