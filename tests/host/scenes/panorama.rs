@@ -187,7 +187,8 @@ fn alpha_leaves_the_pole_masked() {
     let mut nothing = picture.clone();
     nothing.pixels_mut().for_each(|pixel| pixel[3] = 0);
     nothing.save(&file).unwrap();
-    let shown = scene.views[0].load_photo(Resize::Full).unwrap().pixels.read().unwrap().to_vec();
+    let up = scene.views.iter().find(|view| view.name == "a.up.png").unwrap();
+    let shown = up.load_photo(Resize::Full).unwrap().pixels.read().unwrap().to_vec();
     assert!(shown.iter().skip(3).step_by(4).all(|counts| *counts == 255));
     picture.save(&file).unwrap();
     // A task that sees one face has the same pixels.
