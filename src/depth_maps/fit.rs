@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 use super::read::Map;
 use crate::scene::lens::Lens;
-use crate::scene::{DepthMap, Point, Scene, View, median};
+use crate::scene::{DepthMap, Point, Scene, View, in_front, median};
 
 /// Minimum number of points for a map's scale.
 const FEWEST: usize = 8;
@@ -147,17 +147,26 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Samples of the points that lie in the map.
-    pub fn of<'a>(view: &View, map: &Map, points: impl Iterator<Item = &'a Point>) -> Self {
+    /// Samples of the points that lie in the map; if any may be `hidden`, of those that no other one hides.
+    pub fn of<'a>(view: &View, map: &Map, points: impl Iterator<Item = &'a Point>, hidden: bool) -> Self {
         let other = if view.face.is_some() { Meaning::Axis } else { Meaning::Rays };
         let [depths, others] = [Meaning::Depths, other].map(|meaning| Source::new(view, map, meaning));
-        let mut samples = Self { depths: Vec::new(), others: Vec::new(), other };
+        let (mut found, mut places) = (Vec::new(), Vec::new());
         for point in points {
             let p = depths.back * (view.camera.rotation * point.position + view.camera.translation);
             if let Some(number) = Some(p).filter(|p| depths.depth(*p) > 0.0).and_then(|p| depths.look(map, p)) {
-                samples.depths.push(Sample { number, depth: depths.depth(p) });
-                samples.others.extend(Some(others.depth(p)).filter(|d| *d > 0.0).map(|depth| Sample { number, depth }));
+                found.push((p, number));
+                places.push((depths.lens.pixel_of(p), depths.depth(p)));
             }
+        }
+        if hidden {
+            let mut shown = in_front(&places, DVec2::new(map.width.into(), map.height.into())).into_iter();
+            found.retain(|_| shown.next().flatten().is_some());
+        }
+        let mut samples = Self { depths: Vec::new(), others: Vec::new(), other };
+        for (p, number) in found {
+            samples.depths.push(Sample { number, depth: depths.depth(p) });
+            samples.others.extend(Some(others.depth(p)).filter(|d| *d > 0.0).map(|depth| Sample { number, depth }));
         }
         samples
     }
@@ -193,6 +202,12 @@ pub(super) fn fit(mut map: Map, samples: &Samples) -> Fitted {
         });
     }
     Fitted { map, meaning, scale: if off > APART { Scale::Apart } else { Scale::Points(factor, off) } }
+}
+
+/// Of a map fitted to all points and to the `count` ones that no other hides, the second if that is clearly closer.
+pub(super) fn closer(all: Fitted, front: Fitted, count: usize) -> Fitted {
+    let off = |fitted: &Fitted| if let Scale::Points(_, off) = fitted.scale { off } else { f64::INFINITY };
+    if count >= TELLING && off(&front) < CLEARLY * off(&all) { front } else { all }
 }
 
 /// How far the maps of photos are from each other, as a share of the depth, in the median: of the points of each map from the

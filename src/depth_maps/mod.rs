@@ -15,7 +15,7 @@ use crate::sample::evenly;
 use crate::scene::camera::Camera;
 use crate::scene::{AlphaRole, DepthMap, Names, Photo, Point, Resize, Scene, View, median};
 use crate::wording::counted;
-use fit::{APART, Fitted, Meaning, Samples, Scale, Source, agreement, fit};
+use fit::{APART, Fitted, Meaning, Samples, Scale, Source, agreement, closer, fit};
 use read::Map;
 
 /// Most points of all maps together: one for so many pixels trained on, within these bounds. Growth needs room to put
@@ -252,23 +252,27 @@ impl Tracks {
 /// The map of the photo that these views show, and what its numbers are.
 fn find(scene: &Scene, views: &[usize], tracks: Option<&Tracks>) -> Found {
     let view = &scene.views[views[0]];
-    let samples = |map: &Map| {
+    let samples = |map: &Map, hidden: bool| {
         if let Some(tracks) = tracks {
             let seen = tracks.seen(views);
-            return Samples::of(view, map, seen.iter().map(|number| &scene.points[*number as usize]));
+            return Samples::of(view, map, seen.iter().map(|number| &scene.points[*number as usize]), false);
         }
         let step = scene.points.len().div_ceil(WITNESSES.0).max(1);
-        let some = Samples::of(view, map, scene.points.iter().step_by(step));
-        if step == 1 || some.len() >= WITNESSES.1 { some } else { Samples::of(view, map, scene.points.iter()) }
+        let some = Samples::of(view, map, scene.points.iter().step_by(step), hidden);
+        if step == 1 || some.len() >= WITNESSES.1 { some } else { Samples::of(view, map, scene.points.iter(), hidden) }
     };
     let map = view.depth.as_deref().ok_or_else(String::new).and_then(|path| read::read(path, view.depth_step));
     let map = map.and_then(|map| {
-        if view.lens.fits(map.width, map.height) {
-            let samples = samples(&map);
-            Ok(fit(map, &samples))
-        } else {
-            Err(format!("is {} x {}, another shape than its photo", map.width, map.height))
+        if !view.lens.fits(map.width, map.height) {
+            return Err(format!("is {} x {}, another shape than its photo", map.width, map.height));
         }
+        if tracks.is_some() {
+            let seen = samples(&map, false);
+            return Ok(fit(map, &seen));
+        }
+        // Without tracks, points may be hidden, or stray before what the photo shows.
+        let [all, front] = [false, true].map(|hidden| samples(&map, hidden));
+        Ok(closer(fit(map.clone(), &all), fit(map, &front), front.len()))
     });
     Found { views: views.to_vec(), map }
 }

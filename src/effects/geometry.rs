@@ -42,7 +42,8 @@ pub fn looks(iterations: u32, photos: usize) -> f64 {
 pub fn dropout(set: &TrainingSet<'_>) -> Decision {
     let photos = set.train.len();
     let times = f64::from(set.iterations) / photos.max(1) as f64;
-    let evidence = format!("each of {} is trained on {times:.0} times", counted(photos, "photo"));
+    let often = if times.round() == 1.0 { "once".to_owned() } else { format!("{times:.0} times") };
+    let evidence = format!("each of {} is trained on {often}", counted(photos, "photo"));
     if hidden(set, AlphaRole::Alpha).0 > 0 {
         let why = format!("{evidence}, but transparent photos would show holes where Gaussians are omitted");
         return Decision::plain(Effect::Dropout, false, why);

@@ -3,7 +3,7 @@
 use super::training_set::Thumbnail;
 use crate::sample::evenly;
 use crate::scene::camera::Camera;
-use crate::scene::{Point, Reading, Scene, median};
+use crate::scene::{self, Point, Reading, Scene, median};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -17,10 +17,6 @@ const TRACKED: usize = 40_000;
 /// Largest number of pairs of a photo and a point without tracks, and bounds of the number of such points.
 const PAIRS: usize = 4_000_000;
 const PROJECTED: (usize, usize) = (500, 10_000);
-/// Mean number of points in a cell of the picture: points hide what lies behind them in their cell and in those around it.
-const PER_CELL: f64 = 8.0;
-/// Largest depth of a visible point, as a multiple of the nearest one's there.
-const DEPTH: f64 = 1.05;
 /// Number of photos by which [`Sights::smoothness`] is measured.
 const SMOOTHNESS: usize = 16;
 
@@ -265,29 +261,11 @@ fn in_front(camera: &Camera, points: &[&Point]) -> Vec<Front> {
         let p = camera.rotation * point.position + camera.translation;
         let place = camera.project(p);
         let inside = p.z > 0.0 && place.cmpge(DVec2::ZERO).all() && place.cmplt(size).all();
-        inside.then_some((i, place, p.z))
+        inside.then_some((i, (place, p.z)))
     };
-    let shown: Vec<(usize, DVec2, f64)> = points.iter().enumerate().filter_map(shown).collect();
-    let columns = ((shown.len() as f64 / PER_CELL * size.x / size.y).sqrt() as usize).max(2);
-    let rows = ((columns as f64 * size.y / size.x).round() as usize).max(1);
-    // With a border of one cell.
-    let cell = |place: DVec2| {
-        let at = place / size * DVec2::new(columns as f64, rows as f64);
-        (at.y as usize).min(rows - 1) * (columns + 2) + (at.x as usize).min(columns - 1)
-    };
-    let mut nearest = vec![f64::INFINITY; (columns + 2) * (rows + 2)];
-    for (_, place, depth) in &shown {
-        for (row, column) in (0..3).flat_map(|row| (0..3).map(move |column| (row, column))) {
-            let around = &mut nearest[cell(*place) + row * (columns + 2) + column];
-            *around = around.min(*depth);
-        }
-    }
-    let middle = columns + 3;
-    let front = |(point, place, depth): (usize, DVec2, f64)| {
-        let cell = cell(place);
-        (depth <= DEPTH * nearest[cell + middle]).then_some(Front { point, place, cell })
-    };
-    shown.into_iter().filter_map(front).collect()
+    let (numbers, shown): (Vec<usize>, Vec<(DVec2, f64)>) = points.iter().enumerate().filter_map(shown).unzip();
+    let front = numbers.into_iter().zip(&shown).zip(scene::in_front(&shown, size));
+    front.filter_map(|((point, (place, _)), cell)| Some(Front { point, place: *place, cell: cell? })).collect()
 }
 
 /// The median of colours, by channel.

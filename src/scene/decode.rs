@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use super::error::Error;
 use super::image_file::{color_type, counting, decode, hides_where_white, to_bytes};
-use super::loaded::{Loaded, LoadedPhotos, notes, without_alpha};
+use super::loaded::{Loaded, LoadedPhotos, notes, unused_alpha, without_alpha};
 use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
 use super::resample::{MASKED, Raster, area_average, cut, undistort};
@@ -91,16 +91,17 @@ pub fn load_photos(
         count(&done, progress);
         Ok(match decoded {
             Ok(decoded) => {
-                let transparent = decoded.transparent;
+                let unused = masked && announced && decoded.transparent > 0.0 && !views[at].hides_itself();
+                let transparent = if unused { 0.0 } else { decoded.transparent };
                 let hides_all = |mask: &[u8]| mask.iter().all(|byte| *byte == 0);
                 let hidden = masked && whole && decoded.mask.as_deref().is_some_and(hides_all);
                 let no_mask = decoded.no_mask.clone().filter(|_| masked);
                 let (alpha_role, pixels) = decoded.settle(announced, masked);
                 let camera = cameras[at].clone();
                 let photo = Ok(Photo { camera, pixels: store.put(at, pixels)?, alpha_role, depth: None });
-                Loaded { photo, transparent, no_mask, hidden, even }
+                Loaded { photo, transparent, unused, no_mask, hidden, even }
             }
-            Err(damaged) => Loaded { photo: Err(damaged), transparent: 0.0, no_mask: None, hidden: false, even: false },
+            Err(damaged) => Loaded::damaged(damaged),
         })
     };
     // A photo that was cut is decoded once.
@@ -137,7 +138,7 @@ pub fn load_photos(
     // Only the message of the first mask at fault is shown.
     let no_mask = loaded.iter().find_map(|one| one.no_mask.clone());
     let number = |is: fn(&Loaded) -> bool| loaded.iter().filter(|one| is(one)).count();
-    let (hidden, even) = (number(|one| one.hidden), number(|one| one.even));
+    let (hidden, even, unused) = (number(|one| one.hidden), number(|one| one.even), number(|one| one.unused));
     let blank = number(|one| one.photo.is_ok() && one.transparent >= one.pixels());
     let mut photos: Vec<_> = loaded.into_iter().map(|one| one.photo).collect();
     let alpha_role = AlphaRole::of(photos.iter().flatten());
@@ -145,6 +146,7 @@ pub fn load_photos(
     let counts = alpha_role == AlphaRole::Alpha || announced && masked && share > 0.0;
     let share = Some((share, masked)).filter(|_| counts && options.alpha.is_none());
     let mut notes = notes(has_masks && !masked, hidden, even, share, blank);
+    notes.extend(unused_alpha(unused));
     notes.extend(no_mask);
     Ok(LoadedPhotos { photos, notes, without_mask })
 }

@@ -17,8 +17,10 @@ pub struct LoadedPhotos {
 /// What became of one view.
 pub(super) struct Loaded {
     pub photo: Result<Photo, Error>,
-    /// Sum of its pixels' transparencies.
+    /// Sum of its pixels' transparencies, if its alpha is used.
     pub transparent: f64,
+    /// True if it has transparent pixels, and its alpha is not used since other photos' faces are masked.
+    pub unused: bool,
     /// The fault of its mask, if that cannot be used.
     pub no_mask: Option<String>,
     /// True if its mask hides all of it.
@@ -28,6 +30,11 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
+    /// A photo that cannot be read.
+    pub fn damaged(error: Error) -> Self {
+        Self { photo: Err(error), transparent: 0.0, unused: false, no_mask: None, hidden: false, even: false }
+    }
+
     /// The number of its pixels; 0 without a photo.
     pub fn pixels(&self) -> f64 {
         self.photo.as_ref().map_or(0.0, |photo| photo.camera.pixels() as f64)
@@ -52,6 +59,12 @@ pub(super) fn without_alpha(share: f64) -> Option<String> {
     let (told, most) = (percent(share, 2), 100.0 * ALPHA_SHARE);
     let note = format!("{told} % of the photos' pixels are transparent, under {most} %: taken as opaque, on black");
     (share > 0.0).then_some(note)
+}
+
+/// A note on photos whose alpha is not used, since parts of other photos' faces are masked.
+pub(super) fn unused_alpha(photos: usize) -> Option<String> {
+    let what = "with alpha that is not used, since parts of other photos' faces are masked: give masks instead";
+    (photos > 0).then(|| format!("{} {what}", counted(photos, "photo")))
 }
 
 /// What users should know of alpha and masks: that masks are `unused`, the numbers of photos that are `hidden` as a whole, have the

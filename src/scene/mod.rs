@@ -9,6 +9,7 @@ mod decode;
 mod error;
 mod exif;
 pub mod faces;
+mod front;
 mod image_file;
 mod image_size;
 mod jpeg;
@@ -40,6 +41,7 @@ use crate::wording::counted;
 pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, alpha_role, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
+pub(crate) use front::in_front;
 #[cfg(feature = "pose")]
 pub(crate) use image_file::in_eight_bits;
 pub use loaded::LoadedPhotos;

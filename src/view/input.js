@@ -2,7 +2,7 @@
 
 import { Camera, drag, wheeled } from "./camera.js";
 import { hit, meaning } from "./draw.js";
-import { $, change, choose, list, paint, rectangle, stage, state, step, twoModels } from "./page.js";
+import { $, change, choose, list, paint, paused, rectangle, stage, state, step, twoModels } from "./page.js";
 
 /** Keys that are held, and a gamepad. */
 export function steer(now) {
@@ -93,7 +93,10 @@ export function listen() {
     list(worst);
   });
   const control = (name) => state.socket?.send(JSON.stringify({ control: name }));
-  $("pause").addEventListener("click", () => control(state.paused ? "resume" : "pause"));
+  $("pause").addEventListener("click", () => {
+    control(state.paused ? "resume" : "pause");
+    paused(!state.paused); // before the run's own news, which may be seconds away
+  });
   $("checkpoint").addEventListener("click", () => control("checkpoint"));
   $("share").addEventListener("change", () => control({ share: Number($("share").value) }));
   $("stop").addEventListener("click", () => { if (confirm(state.scene.checkpoints ? "End the run? It can be resumed." : "End it? No model is written.")) control("stop"); });

@@ -242,6 +242,12 @@ function crop(context) {
 
 // --- Connection -----------------------------------------------------------------------------------------------------------------
 
+/** Shows whether the run is paused. */
+export function paused(is) {
+  state.paused = is;
+  $("pause").textContent = is ? "Resume" : "Pause";
+}
+
 function told(text) {
   const news = JSON.parse(text);
   if (news.error ?? news.note) say(news.error ?? news.note);
@@ -251,8 +257,7 @@ function told(text) {
     const old = news.iteration !== state.frame?.iteration;
     if (old && !document.hidden && state.received === state.sent) send(state.stillAsked, state.model);
     $("share").value = String(news.share);
-    state.paused = news.paused;
-    $("pause").textContent = news.paused ? "Resume" : "Pause";
+    paused(news.paused);
     const words = [`iteration ${news.iteration} of ${news.until}`, `${news.gaussians.toLocaleString("en")} Gaussians`];
     if (news.loss != null) words.push(`loss ${news.loss.toFixed(4)}`);
     if (news.paused) words.push("paused");
@@ -266,7 +271,7 @@ function connect() {
   socket.binaryType = "arraybuffer";
   state.socket = socket;
   socket.addEventListener("open", () => {
-    say("");
+    say(state.scene?.live && !state.frame ? "waiting for the first iteration" : "");
     change();
   });
   socket.addEventListener("message", ({ data }) => {

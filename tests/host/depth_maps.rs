@@ -130,6 +130,7 @@ fn many_points_without_tracks_tell_the_scale() {
     for (what, points) in [
         ("few are on the wall", [at(4.0), many(-9.0, 10_000)].concat()),
         ("many are on the wall", [many(4.0, 3000), many(3.0, 1000)].concat()),
+        ("most are hidden by the wall", [4.0, 7.0, 10.0, 14.0].map(|depth| many(depth, 1000)).concat()),
         ("tracks say what is seen", [many(3.0, 10_000), seen.clone()].concat()),
     ] {
         scene.points = points;

@@ -138,7 +138,10 @@ fn views(compared: &CompareRecord, folder: &Path) -> Vec<View> {
         };
         let of_seed = compared.seeds.first().filter(|_| compared.by_seed());
         let of_seed = of_seed.map_or_else(String::new, |seed| format!(" with seed {seed}"));
-        let note = format!("PSNR / dB{of_seed}: {}", compared.arms.iter().map(score).collect::<Vec<_>>().join(", "));
+        let note = format!(
+            "PSNR / dB of the whole view{of_seed}: {}",
+            compared.arms.iter().map(score).collect::<Vec<_>>().join(", ")
+        );
         View { name: exhibit.name, note, pictures: std::iter::once(photo).chain(arms).collect() }
     };
     exhibits(&names).into_iter().map(view).collect()

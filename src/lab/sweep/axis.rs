@@ -191,7 +191,7 @@ pub static AXES: &[Axis] = &[
         rungs: &["ordered", "atomics"],
         check: |name| known(sums(name)),
         flat_times: "summation is a small part of an iteration, in any order.",
-        flat_accuracy: "threads came in the same order every time.",
+        flat_accuracy: "no gradient differed between the two runs.",
         measure: Light(|context, asked, axis| gradients::measure(context, &asked.values(sums), axis)),
         ..ROW
     },

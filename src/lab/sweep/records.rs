@@ -189,9 +189,11 @@ impl AxisRecord {
             let times: Vec<Spread> = self.rungs.iter().filter_map(|r| r.time).filter(|t| t.samples > 1).collect();
             let together = times.len() == self.rungs.len() && times.iter().all(|a| times.iter().all(|b| a.overlaps(b)));
             if low > 0.0 && (high / low < EQUALLY_FAST || together) {
-                let within = 100.0 * (high / low - 1.0);
-                let noise = if together { ", which is less than their spread" } else { "" };
-                self.flat.push(format!("Times hardly differ (medians within {within:.0} %{noise}): {flat_times}"));
+                self.flat.push(if high / low < EQUALLY_FAST {
+                    format!("Times hardly differ (medians within {:.0} %): {flat_times}", 100.0 * (high / low - 1.0))
+                } else {
+                    "Times vary too much from one measurement to the next to tell the rungs apart.".to_owned()
+                });
             }
             let bad: Vec<f64> = self.rungs.iter().filter_map(|r| r.badness(better)).collect();
             if bad.len() == self.rungs.len() && bad.iter().all(|b| *b == bad[0]) {
