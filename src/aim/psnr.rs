@@ -40,7 +40,7 @@ impl<T: Trials> Search<'_, T> {
             self.most = AT_SMALL;
         }
         self.follow(wanted, &mut rows)?;
-        // What is known now may speak for a rung that seemed worse, or was not tried.
+        // The files tried by now may make another rung the best, whose neighbours are unknown.
         while self.left() > 2
             && let Some((near, rung)) = best(&rows).zip(self.neighbour(&rows))
         {

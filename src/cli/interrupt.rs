@@ -9,7 +9,7 @@ use std::sync::{Arc, OnceLock};
 /// Notes whether Ctrl-C was pressed since the process's first watch started. Commands without steps keep no watch.
 pub(super) struct Watch(Arc<AtomicBool>);
 
-/// What every watch of the process looks at: a part of a job with a watch of its own learns of a Ctrl-C before it.
+/// The flag of all watches of the process. A part of a job that begins a watch of its own still learns of an earlier Ctrl-C.
 static ASKED: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
 impl Watch {

@@ -118,9 +118,7 @@ impl Arguments {
         let _claimed = Output::claim(&self.output)?;
         check_file(&self.output.join("sweep.json"))?;
         // Those of an earlier sweep, which this one's axes replace.
-        for name in ["sweep.json", "sweep.csv", "sweep.html"] {
-            let _ = std::fs::remove_file(self.output.join(name));
-        }
+        sweep::FIGURES.remove(&self.output);
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
         let networks = Networks::default();

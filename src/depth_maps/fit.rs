@@ -204,7 +204,7 @@ pub(super) fn fit(mut map: Map, samples: &Samples) -> Fitted {
     Fitted { map, meaning, scale: if off > APART { Scale::Apart } else { Scale::Points(factor, off) } }
 }
 
-/// Of a map fitted to all points and to the `count` ones that no other hides, the second if that is clearly closer.
+/// The fit to all points, or the fit to the `count` points that no other hides if that one is clearly closer.
 pub(super) fn closer(all: Fitted, front: Fitted, count: usize) -> Fitted {
     let off = |fitted: &Fitted| if let Scale::Points(_, off) = fitted.scale { off } else { f64::INFINITY };
     if count >= TELLING && off(&front) < CLEARLY * off(&all) { front } else { all }

@@ -3,5 +3,6 @@
 
 pub mod compare;
 pub mod curve;
+mod figures;
 pub mod methods;
 pub mod sweep;

@@ -127,8 +127,11 @@ pub fn load_photos(
         .collect::<Result<_, Error>>()?;
     let pixels: f64 = loaded.iter().map(Loaded::pixels).sum();
     let share = loaded.iter().map(|one| one.transparent).sum::<f64>() / pixels.max(1.0);
-    let counts = announced && !masked;
-    if options.alpha.is_none() && counts && (share > NOTHING || share < ALPHA_SHARE && (share > 0.0 || has_masks)) {
+    if options.alpha.is_none()
+        && announced
+        && !masked
+        && (share > NOTHING || share < ALPHA_SHARE && (share > 0.0 || has_masks))
+    {
         drop((loaded, store));
         let mut again = load_photos(views, &LoadOptions { alpha: Some(false), ..*options }, progress)?;
         again.notes.extend(without_alpha(share));
@@ -233,9 +236,6 @@ impl Decoded {
     fn settle(self, alpha: bool, masked: bool) -> (AlphaRole, Vec<u8>) {
         let Self { mut pixels, transparent, mask, by_alpha, .. } = self;
         let has_alpha = transparent > 0.0;
-        let fourth = |pixels: &mut [u8], byte: &dyn Fn(usize) -> u8| {
-            pixels.iter_mut().skip(3).step_by(4).enumerate().for_each(|(i, fourth)| *fourth = byte(i));
-        };
         if masked {
             let mask = mask.unwrap_or_default();
             for (i, pixel) in pixels.as_chunks_mut::<4>().0.iter_mut().enumerate() {
@@ -245,7 +245,7 @@ impl Decoded {
             return (AlphaRole::Mask, pixels);
         }
         if has_alpha && !alpha {
-            fourth(&mut pixels, &|_| 255);
+            pixels.iter_mut().skip(3).step_by(4).for_each(|fourth| *fourth = 255);
         }
         (if has_alpha && alpha { AlphaRole::Alpha } else { AlphaRole::Opaque }, pixels)
     }
@@ -336,7 +336,7 @@ impl View {
 
     /// The mask of what its face hides, if that is anything, upon another.
     fn hide(&self, mask: Option<Vec<u8>>, resize: Resize) -> Option<Vec<u8>> {
-        let Some(face) = self.face.as_ref().filter(|_| self.hides_itself()) else { return mask };
+        let Some(face) = self.face.as_ref().filter(|face| face.masked) else { return mask };
         let camera = self.camera_at(resize);
         let mut mask = mask.unwrap_or_else(|| vec![255; camera.pixels() as usize]);
         for (n, byte) in mask.iter_mut().enumerate() {

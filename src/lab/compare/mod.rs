@@ -15,6 +15,7 @@ use crate::gaussians::resident::Resident;
 use crate::job::records::RunRecord;
 use crate::job::sealed::{open, seal};
 use crate::job::{Error, Output, RunConfig, Session};
+use crate::lab::figures::Figures;
 use crate::pipeline::active_run::{ActiveRun, tell_of_checkpoint};
 use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::evaluate::Evaluator;
@@ -27,14 +28,11 @@ use std::path::{Path, PathBuf};
 
 /// Writes the figures of a comparison into its folder: `compare.json`, `compare.csv` and `compare.html`.
 pub fn write(compared: &CompareRecord, folder: &Path) -> Result<(), Error> {
-    let [json, csv, html] = FIGURES.map(|name| folder.join(name));
-    Output::json(&json, "compare.json", compared)?;
-    Output::text(&csv, &compared.csv())?;
-    Output::text(&html, &page::page(compared, folder))
+    FIGURES.write(folder, compared, &compared.csv(), &page::page(compared, folder))
 }
 
 /// The figures of a finished comparison.
-const FIGURES: [&str; 3] = ["compare.json", "compare.csv", "compare.html"];
+const FIGURES: Figures = Figures(["compare.json", "compare.csv", "compare.html"]);
 
 /// Number of rounds in which the arms' frame rates are measured in turn.
 const ROUNDS: usize = 5;
@@ -100,9 +98,7 @@ fn part(
         }
     }
     setup.write_config(&start, &output)?;
-    for name in FIGURES {
-        let _ = std::fs::remove_file(whole.join(name));
-    }
+    FIGURES.remove(whole);
     let iterations = setup.config.schedule.iterations;
     let prunes = setup.config.prune.as_ref().map(|p| p.iterations(iterations)).unwrap_or_default();
     let prune_point = prunes.first().copied().unwrap_or(iterations);
@@ -155,7 +151,7 @@ fn finish(setup: &Setup<'_>, arm: &Arm, fork: &Checkpoint, folder: &Path, resume
     let config = arm.configuration(&setup.config, gaussians);
     let (config_text, file) = (config.written_in(output.folder())?, output.folder().join("arm.json"));
     let from = crc32(fork.snapshot.model.bytes());
-    // What is unreadable, or of another fork, is made again.
+    // An arm whose record is unreadable, or of another fork, is trained again.
     let read = if resume { std::fs::read(&file).ok().and_then(|bytes| open(&bytes).ok()) } else { None };
     let read = read.filter(|read| read["fork_crc32"] == from);
     if let Some(read) = &read

@@ -21,17 +21,19 @@ pub use axis::Axis;
 pub use records::{AxisRecord, Described, SweepRecord};
 pub use subject::{Context, Subject};
 
-use crate::job::{Error, Output};
+use crate::job::Error;
+use crate::lab::figures::Figures;
 use axis::Measure;
 use std::path::Path;
 use std::time::Instant;
 
 /// Writes the figures of a sweep into its folder: `sweep.json`, `sweep.csv` and `sweep.html`.
 pub fn write(swept: &SweepRecord, folder: &Path) -> Result<(), Error> {
-    Output::json(&folder.join("sweep.json"), "sweep.json", swept)?;
-    Output::text(&folder.join("sweep.csv"), &swept.csv())?;
-    Output::text(&folder.join("sweep.html"), &page::page(swept))
+    FIGURES.write(folder, swept, &swept.csv(), &page::page(swept))
 }
+
+/// The figures of a sweep.
+pub const FIGURES: Figures = Figures(["sweep.json", "sweep.csv", "sweep.html"]);
 
 /// Measures one light axis; returns `None` for a heavy one.
 pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>, Error> {

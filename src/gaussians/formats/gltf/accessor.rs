@@ -38,7 +38,7 @@ struct Rows<'a> {
     bytes: &'a [u8],
     stride: usize,
     kind: Kind,
-    /// The number that stands for 1, if it is another.
+    /// For normalised integers, the number that means 1.
     one: Option<f32>,
 }
 

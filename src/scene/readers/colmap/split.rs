@@ -30,17 +30,18 @@ pub(super) struct Roles {
 impl Roles {
     /// The roles that nerfstudio's lists give; if none names a photo, test.txt beside the model's files holds out photos, as 3DGS writes it.
     pub fn of(root: &Path, model: &Path, rows: &[ImageRow], skipped: &mut Skipped) -> Self {
-        let mut lists: Vec<_> = LISTS.map(|(name, role)| (files::child(root, name), role)).into();
-        lists.retain(|(file, _)| file.is_file());
+        let read = |(folder, name, role): (&Path, &str, Role)| {
+            let file = files::child(folder, name);
+            file.is_file().then(|| (files::read_text(&file).unwrap_or_default(), file, role))
+        };
+        let mut lists: Vec<_> = LISTS.iter().filter_map(|(name, role)| read((root, name, *role))).collect();
         let known: HashSet<String> = rows.iter().map(|row| names::key(&row.name)).collect();
         let names_one = |text: &str| text.lines().any(|line| known.contains(&names::key(line.trim())));
-        if !lists.iter().any(|(file, _)| files::read_text(file).is_ok_and(|text| names_one(&text))) {
-            lists.push((files::child(model, "test.txt"), Role::Test));
-            lists.retain(|(file, _)| file.is_file());
+        if !lists.iter().any(|(text, ..)| names_one(text)) {
+            lists.extend(read((model, "test.txt", Role::Test)));
         }
         let (mut listed, mut doubtful) = (HashMap::new(), HashSet::new());
-        for (file, role) in lists {
-            let text = files::read_text(&file).unwrap_or_default();
+        for (text, file, role) in lists {
             let lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
             let (named, unknown): (HashSet<String>, HashSet<String>) =
                 lines.map(names::key).partition(|name| known.contains(name));
