@@ -18,7 +18,7 @@ __all__ = [
     "train", "compress", "evaluate", "orbit", "_model", "_camera",
 ]
 
-_Path = Union[str, PathLike[str]]
+_Path = Union[str, bytes, PathLike[str], PathLike[bytes]]
 _Vector = Union[Sequence[float], NDArray[Any]]
 _Resolution = Union[int, str]
 _Size = Union[tuple[int, int], Sequence[int], NDArray[np.integer[Any]]]
@@ -62,8 +62,8 @@ class Model:
 
     @staticmethod
     def load(path: _Path) -> Model:
-        """Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out,
-        with a UserWarning, which also tells of an unclear tag and of a file without Gaussians.
+        """Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that are not finite or have no rotation
+        are left out, with a UserWarning, which also tells of an unclear tag and of a file without Gaussians.
         """
 
     @staticmethod
@@ -80,14 +80,14 @@ class Model:
         """Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn. A UserWarning tells of positions that float32
         rounds far from the origin, such as map coordinates: give means - c with origin=c.
 
-        means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
-        (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3), as an array or
+        means (n, 3); log_scales (n, 3), natural logarithms of standard deviations, below 30; rotations (n, 4), quaternions w, x, y, z;
+        opacity_logits (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3), as an array or
         nested lists; L is 0 to 3; origin: see Model.origin.
         """
 
     def save(self, path: _Path) -> None:
         """Writes .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda or .usdz, completely or not at all; an origin is written to georeference.json
-        beside it. A model without Gaussians is a ValueError.
+        beside it. A model without Gaussians is a ValueError, and so is the name of a run's own model, which its figures describe.
         """
 
     @property
@@ -382,7 +382,7 @@ def train(
     within the run's folder are relative to it. In a dict as schedule or prune, keys that are left out have the preset's values, and None
     removes one. Short forms: iterations; keep (a share) or count of Gaussians; prune=False; schedule="attrition", "one-shot" or "gradual",
     the schedule of the prune; effects=["exposure=on"] or {"exposure": "on"}; init="random", the path of a model, or a Model, which is written
-    to the folder as initial.ply. Unknown keywords are TypeErrors.
+    to the folder as initial.ply, without its bands above a given sh_degree. Unknown keywords are TypeErrors.
     """
 
 def compress(
@@ -401,6 +401,7 @@ def compress(
     antialias: Optional[bool] = None,
     dilation: Optional[float] = None,
     depth_order: bool = False,
+    exposure: bool = False,
     selector: Optional[str] = None,
     fine_tune: int = 0,
     views: Optional[int] = None,
@@ -414,12 +415,13 @@ def compress(
     keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes or as a text
     such as "5MB" or "1165B", with the highest PSNR; or psnr: the minimum PSNR in dB, with the smallest file, and a UserWarning if none
     reaches it. The last two are of `output`, a file name as for Model.save, which is written and read for the returned model; without one,
-    of the .ply that the returned model makes.
+    of the .ply that the returned model makes. An output that cannot be written is refused before any work.
 
     The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`: those
     in its folder images, at a resolution such as 640 (pixels wide) or "/2", of which every eval_every-th is held out (8 by default).
-    background, antialias, dilation and depth_order: as in evaluate. selector: the rule that ranks Gaussians (docs/method.md); fine_tune:
-    iterations of training afterwards, left out if they make a file of a given size or psnr worse (record["aim"]["fine_tuning"]).
+    background, antialias, dilation, depth_order and exposure: as in evaluate. selector: the rule that ranks Gaussians (docs/method.md);
+    fine_tune: iterations of training afterwards, left out if they make a file of a given size or psnr worse
+    (record["aim"]["fine_tuning"]).
 
     record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
     "fine_tuned"; each has psnr in dB, None where pictures are equal, and ssim. record["input"] and record["output"] have the bytes of the
@@ -433,7 +435,7 @@ def evaluate(
     against: Optional[Model] = None,
     images: Optional[_Path] = None,
     resolution: Optional[_Resolution] = None,
-    eval_every: int = 8,
+    eval_every: Optional[int] = None,
     background: Optional[_Vector] = None,
     antialias: Optional[bool] = None,
     dilation: Optional[float] = None,
@@ -445,9 +447,9 @@ def evaluate(
     """Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
 
     images: the folder of the scene's photos, such as "images_4"; resolution: their size, such as 640 (pixels wide) or "/2". eval_every:
-    every eval_every-th photo is held out. background: red, green and blue in [0, 1]. antialias, dilation and depth_order: as in Renderer,
-    of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with exposures fitted to
-    the photos, as runs with that effect do.
+    every eval_every-th photo is held out, 8 by default. background: red, green and blue in [0, 1]. antialias, dilation and depth_order:
+    as in Renderer, of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with
+    exposures fitted to the photos, as runs with that effect do.
 
     The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and lpips_vgg,
     lpips_vgg_normalized and lpips_alex, which are None without weights ($QIRF_LPIPS: a file or folder made by tools/lpips-weights).

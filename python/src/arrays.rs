@@ -2,12 +2,13 @@
 
 use numpy::ndarray::{ArrayView, Dimension};
 use numpy::{Element, PyArray, PyArrayDescrMethods, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::PyTypeError;
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{IntoPyDict, PyDict};
+use pyo3::types::{IntoPyDict, PyDict, PyFloat, PyList, PyTuple};
 use serde::Serialize;
 
 use crate::errors::{named, wrong};
+use engine::scene::Resize;
 
 /// A read-only array over `view`, which keeps `owner` alive.
 ///
@@ -24,28 +25,60 @@ pub unsafe fn borrowed<'py, D: Dimension>(
     Ok(array)
 }
 
-/// Refuses masked entries of a masked array: NumPy's conversions leave out the mask.
+/// Most axes of an argument, bands of spherical harmonics in a list among them.
+const AXES: usize = 4;
+
+/// Refuses masked entries of a masked array, or of masked arrays in lists: NumPy's conversions leave out the mask.
 pub fn unmasked(object: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
-    let masked = object.py().import("numpy.ma")?;
-    for test in ["isMaskedArray", "is_masked"] {
-        if !masked.call_method1(test, (object,))?.is_truthy()? {
-            return Ok(());
+    let class = object.py().import("numpy.ma")?.getattr("MaskedArray")?;
+    if is_masked(object, &class, AXES)? {
+        return Err(wrong(format!("{name} is masked: fill it, or leave out what is masked")));
+    }
+    Ok(())
+}
+
+/// True if a masked array, or one within lists and tuples of this depth, has a masked entry.
+fn is_masked(object: &Bound<'_, PyAny>, class: &Bound<'_, PyAny>, depth: usize) -> PyResult<bool> {
+    if object.is_instance(class)? {
+        return object.py().import("numpy.ma")?.call_method1("is_masked", (object,))?.is_truthy();
+    }
+    if depth == 0 || !(object.is_instance_of::<PyList>() || object.is_instance_of::<PyTuple>()) {
+        return Ok(false);
+    }
+    for item in object.try_iter()? {
+        let item = item?;
+        if !item.is_exact_instance_of::<PyFloat>() && is_masked(&item, class, depth - 1)? {
+            return Ok(true);
         }
     }
-    Err(wrong(format!("{name} is masked: fill it, or leave out what is masked")))
+    Ok(false)
+}
+
+/// How many numbers of an array are infinite.
+fn infinite(array: &Bound<'_, PyAny>) -> PyResult<usize> {
+    array.py().import("numpy")?.call_method1("isinf", (array,))?.call_method0("sum")?.extract()
 }
 
 /// Real numbers of anything that NumPy makes an array of, row by row, with their shape.
 fn numbers<T: Element + Clone>(object: &Bound<'_, PyAny>, name: &str) -> PyResult<(Vec<usize>, Vec<T>)> {
     let py = object.py();
+    if object.is_none() {
+        return Err(PyTypeError::new_err(format!("{name} is None: give an array")));
+    }
     unmasked(object, name)?;
     let numpy = py.import("numpy")?;
-    let array = numpy.call_method1("asarray", (object,)).map_err(|e| named(name, e, py))?;
-    if array.cast::<PyUntypedArray>()?.dtype().kind() == b'c' {
+    let given = numpy.call_method1("asarray", (object,)).map_err(|e| named(name, e, py))?;
+    let kind = given.cast::<PyUntypedArray>()?.dtype().kind();
+    if kind == b'c' {
         return Err(PyTypeError::new_err(format!("{name} has complex numbers: give real ones")));
     }
-    let array = numpy.call_method1("ascontiguousarray", (array, T::get_dtype(py)));
-    let array = array.map_err(|e| named(name, e, py))?;
+    let dtype = T::get_dtype(py);
+    // ascontiguousarray would make an array of one of a number.
+    let order = [("order", "C")].into_py_dict(py)?;
+    let array = numpy.call_method("asarray", (&given, &dtype), Some(&order)).map_err(|e| named(name, e, py))?;
+    if kind == b'f' && infinite(&given)? != infinite(&array)? {
+        return Err(wrong(format!("{name} has numbers that are too large for {dtype}")));
+    }
     let array: PyReadonlyArrayDyn<'_, T> = array.extract()?;
     Ok((array.shape().to_vec(), array.as_slice()?.to_vec()))
 }
@@ -123,12 +156,33 @@ pub fn loads<'py>(py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyAny>> {
 /// A size of photos: a width in pixels as a number, or a text such as "640" or "/2".
 pub struct Resolution(pub String);
 
+impl Resolution {
+    /// The size of this text; `given` is the argument as Python shows it.
+    pub fn of(text: String, given: &str) -> PyResult<Self> {
+        if text.parse::<Resize>().is_err() {
+            let form = "give a width in pixels, such as 800, or a divisor, such as \"/4\"";
+            return Err(wrong(format!("resolution={given}: {form}")));
+        }
+        Ok(Self(text))
+    }
+}
+
 impl<'py> FromPyObject<'_, 'py> for Resolution {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        object.str()?.extract().map(Self)
+        Self::of(object.str()?.extract()?, &object.repr()?.extract::<String>()?)
     }
+}
+
+/// What to give in place of a value that JSON has no form of.
+fn unwritten(error: &PyErr, py: Python<'_>) -> String {
+    if error.is_instance_of::<PyTypeError>(py) {
+        return "give a number, a text, a path, a list or a dict".to_owned();
+    }
+    let text = error.value(py).to_string();
+    let finite = error.is_instance_of::<PyValueError>(py) && text.starts_with("Out of range float");
+    if finite { "give finite numbers".to_owned() } else { text }
 }
 
 /// Keyword arguments as JSON.
@@ -138,7 +192,7 @@ pub fn json(options: &Bound<'_, PyDict>) -> PyResult<serde_json::Map<String, ser
     let code = c"lambda value: __import__('json').dumps(value, default=lambda x: x.tolist() if hasattr(x, 'tolist') else __import__('os').fsdecode(x), allow_nan=False)";
     let dumps = py.eval(code, None, None)?;
     let one = |(name, value): (Bound<'_, PyAny>, Bound<'_, PyAny>)| {
-        let text = dumps.call1((&value,)).map_err(|e| wrong(format!("{name}={value}: {e}")))?;
+        let text = dumps.call1((&value,)).map_err(|e| wrong(format!("{name}={value}: {}", unwritten(&e, py))))?;
         let value = serde_json::from_str::<serde_json::Value>(&text.extract::<String>()?);
         let value = value.map_err(|e| wrong(format!("{name}: {e}")))?;
         if value.as_str().is_some_and(|text| text.contains('\0')) {

@@ -60,8 +60,16 @@ impl Camera {
             return Err(wrong(format!("a field of view of {fov} degrees: give one above 0 and below 180")));
         }
         let [eye, target, up] = [eye, target, up].map(DVec3::from_array);
-        if eye == target || up == DVec3::ZERO || ![eye, target, up].iter().all(|v| v.is_finite()) {
-            return Err(wrong("a camera looks from eye to another point, target, and up is a direction"));
+        for (name, place) in [("eye", eye), ("target", target), ("up", up)] {
+            if !place.is_finite() {
+                return Err(wrong(format!("{name}={place}: give finite numbers")));
+            }
+        }
+        if eye == target {
+            return Err(wrong(format!("eye and target are both {eye}: a camera looks from eye to another point")));
+        }
+        if up == DVec3::ZERO {
+            return Err(wrong("up has length 0: give a direction"));
         }
         Self::checked(camera::Camera::look_at(eye, target, up, fov.to_radians(), size.0, size.1), near)
     }
@@ -119,8 +127,13 @@ impl Camera {
         this.clone()
     }
 
-    fn __repr__(&self) -> String {
-        format!("Camera({} x {}, at {})", self.inner.width, self.inner.height, self.inner.centre())
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let builtins = py.import("builtins")?;
+        // The sum has no negative zero.
+        let short = |x: f64| builtins.call_method1("format", (x + 0.0, ".6g"))?.extract::<String>();
+        let [x, y, z] = self.inner.centre().to_array();
+        let place = [short(x)?, short(y)?, short(z)?].join(", ");
+        Ok(format!("Camera({} x {}, at [{place}])", self.inner.width, self.inner.height))
     }
 }
 
@@ -143,11 +156,7 @@ impl Camera {
         if !matches!(last, [0.0, 0.0, 0.0, 1.0]) {
             return Err(wrong("the last row of world_to_camera should be 0, 0, 0, 1"));
         }
-        let [[fx, skew, _], [below, fy, _], [left, under, one]] = k;
-        let usual = [skew, below, left, under, one - 1.0].iter().all(|x| *x == 0.0);
-        if !(usual && fx > 0.0 && fy > 0.0 && k.as_flattened().iter().all(|x| x.is_finite())) {
-            return Err(wrong("K should be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0"));
-        }
+        check_intrinsics(&k)?;
         Self::checked(
             camera::Camera {
                 rotation,
@@ -172,6 +181,23 @@ impl Camera {
         };
         Ok(Self { inner, near: near.map(narrow).transpose()? })
     }
+}
+
+/// Refuses a matrix that is no pinhole camera's, by its first wrong entry.
+fn check_intrinsics(k: &[[f64; 3]; 3]) -> PyResult<()> {
+    for (at, x) in k.as_flattened().iter().enumerate() {
+        let right = match at {
+            0 | 4 => *x > 0.0 && x.is_finite(),
+            2 | 5 => x.is_finite(),
+            8 => x - 1.0 == 0.0,
+            _ => *x == 0.0,
+        };
+        if !right {
+            let form = "K should be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths above 0";
+            return Err(wrong(format!("{form}, but K[{}, {}] is {x:?}", at / 3, at % 3)));
+        }
+    }
+    Ok(())
 }
 
 /// The camera that was pickled.

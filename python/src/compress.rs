@@ -3,13 +3,16 @@
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
 use crate::errors::{
-    self, colour, number, share, some_bytes, some_file, some_keep, some_picture_size, some_whole, warn, whole, wrong,
+    self, colour, number, raised, share, some_bytes, some_file, some_keep, some_picture_size, some_whole, warn, whole,
+    wrong,
 };
 use crate::model::{Model, in_memory};
 use crate::options::read;
 use crate::photos::Photos;
 use crate::watch::{Callbacks, followed};
 use engine::gaussians::formats;
+use engine::job::earlier::spare_model;
+use engine::job::output::check_file;
 use engine::job::records::Aim;
 use engine::job::{Error, Session};
 use engine::metrics::Networks;
@@ -27,20 +30,21 @@ use std::path::{Path, PathBuf};
 /// keep: the share to keep, 0.28 by default; or count: the number of Gaussians to keep; or size: the maximum size in bytes or as a text
 /// such as "5MB" or "1165B", with the highest PSNR; or psnr: the minimum PSNR in dB, with the smallest file, and a UserWarning if none
 /// reaches it. The last two are of `output`, a file name as for Model.save, which is written and read for the returned model; without one,
-/// of the .ply that the returned model makes.
+/// of the .ply that the returned model makes. An output that cannot be written is refused before any work.
 ///
 /// The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`: those
 /// in its folder images, at a resolution such as 640 (pixels wide) or "/2", of which every eval_every-th is held out (8 by default).
-/// background, antialias, dilation and depth_order: as in evaluate. selector: the rule that ranks Gaussians (docs/method.md); fine_tune:
-/// iterations of training afterwards, left out if they make a file of a given size or psnr worse (record["aim"]["fine_tuning"]).
+/// background, antialias, dilation, depth_order and exposure: as in evaluate. selector: the rule that ranks Gaussians (docs/method.md);
+/// fine_tune: iterations of training afterwards, left out if they make a file of a given size or psnr worse
+/// (record["aim"]["fine_tuning"]).
 ///
 /// record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
 /// "fine_tuned"; each has psnr in dB, None where pictures are equal, and ssim. record["input"] and record["output"] have the bytes of the
 /// model's .ply where the model is in memory, and None as its path.
 #[pyfunction]
 #[pyo3(signature = (model, keep=None, *, count=None, size=None, psnr=None, output=None, scene=None, images=None, resolution=None,
-    eval_every=None, background=None, antialias=None, dilation=None, depth_order=false, selector=None, fine_tune=0, views=None,
-    picture_size=None, seed=1, device=None, on_progress=None))]
+    eval_every=None, background=None, antialias=None, dilation=None, depth_order=false, exposure=false, selector=None, fine_tune=0,
+    views=None, picture_size=None, seed=1, device=None, on_progress=None))]
 pub fn compress<'py>(
     py: Python<'py>,
     model: &Bound<'py, Model>,
@@ -57,6 +61,7 @@ pub fn compress<'py>(
     antialias: Option<bool>,
     dilation: Option<f32>,
     depth_order: bool,
+    exposure: bool,
     selector: Option<&str>,
     #[pyo3(from_py_with = whole)] fine_tune: i64,
     #[pyo3(from_py_with = some_whole)] views: Option<i64>,
@@ -71,7 +76,7 @@ pub fn compress<'py>(
     }
     let (fine_tune, seed) = (number("fine_tune", fine_tune, 0)?, number("seed", seed, 0)?);
     let style = model.style(antialias, dilation, depth_order)?;
-    let mut config = CompressConfig { style, fine_tune, seed, ..CompressConfig::default() };
+    let mut config = CompressConfig { style, exposure, fine_tune, seed, ..CompressConfig::default() };
     config.compression = CompressConfig::rule(fine_tune);
     if let Some(selector) = selector {
         config.compression.selector = read("selector", &selector.into())?;
@@ -92,6 +97,9 @@ pub fn compress<'py>(
     if scene.is_some() && (views.is_some() || picture_size.is_some()) {
         return Err(wrong("views and picture_size are of the model's own pictures, which a scene's photos replace"));
     }
+    if scene.is_none() && exposure {
+        return Err(wrong("exposures are fitted to a scene's photos: leave out exposure"));
+    }
     let eval_every = eval_every.map(|every| number("eval_every", every, 0)).transpose()?;
     let background = background.map(colour).transpose()?;
     let place = scene.clone().map(|scene| (scene, images.clone()));
@@ -102,6 +110,9 @@ pub fn compress<'py>(
     let own = ViewSource::OwnPictures { cameras, background: background.unwrap_or_default() };
     config.views = photos.map_or(own, ViewSource::Photos);
     let aim = size.map(Aim::Bytes).or(psnr.map(Aim::Psnr));
+    if let Some(output) = &output {
+        check_place(output).map_err(raised)?;
+    }
     let device = or_usual(py, device)?;
     let (smaller, mut record, warnings) = followed(py, Callbacks { on_step: None, on_progress }, |watcher| {
         let networks = Networks::default();
@@ -118,6 +129,13 @@ pub fn compress<'py>(
     Ok((smaller, dictionary(py, &record)?))
 }
 
+/// Refuses an output that cannot be written, or that would replace the model of a run, before any work.
+fn check_place(output: &Path) -> Result<(), Error> {
+    spare_model(output)?;
+    formats::check_output(output).map_err(Error::writing)?;
+    check_file(output)
+}
+
 /// The smaller model, its record, and the lines to warn of.
 fn compressed(
     session: &Session<'_>,
@@ -129,7 +147,6 @@ fn compressed(
     let (input, origin) = model.placed(place)?;
     let smaller = |gaussians| Model { origin, mode: config.style.mode(), ..model.like(gaussians) };
     let (record, smaller) = if let Some(output) = output {
-        formats::check_output(output).map_err(Error::writing)?;
         let input = Input { path: Path::new(""), model: input, read_s: 0.0 };
         let target = Target { origin, ..Target::new(output) };
         let record = engine_compress::compress_to(session, input, config, aim, &target)?;

@@ -237,6 +237,10 @@ impl Model {
                 return Err(wrong(format!("a mask has the shape {}, and should have ({n},)", tuple(shape))));
             }
             b'b' => numpy.call_method1("flatnonzero", (&array,))?.call_method0("tolist")?.extract()?,
+            b'O' | b'S' | b'U' if shape.is_empty() => {
+                let what = "give a mask or indices as a list or an array, or a slice";
+                return Err(PyTypeError::new_err(format!("chosen is of type {}: {what}", chosen.get_type().name()?)));
+            }
             _ if shape.len() != 1 => {
                 return Err(wrong(format!("indices have the shape {}, and should have (k,)", tuple(shape))));
             }

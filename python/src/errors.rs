@@ -91,9 +91,9 @@ fn remedy(error: &Error) -> String {
     }
 }
 
-/// The path of a file or folder, without NUL, which Python's `open` refuses too.
+/// The path of a file or folder, as text or bytes, without NUL, which Python's `open` refuses too.
 pub fn file(object: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
-    let path: PathBuf = object.extract()?;
+    let path: PathBuf = object.py().import("os")?.call_method1("fsdecode", (object,))?.extract()?;
     if path.as_os_str().as_encoded_bytes().contains(&0) {
         return Err(wrong(format!("{:?}: embedded null byte", path.to_string_lossy())));
     }
@@ -209,7 +209,8 @@ pub fn colour(background: [f32; 3]) -> PyResult<[f32; 3]> {
     if background.iter().all(|c| (0.0..=1.0).contains(c)) {
         return Ok(background);
     }
-    Err(wrong(format!("background={background:?}: give red, green and blue from 0 to 1")))
+    let [r, g, b] = background;
+    Err(wrong(format!("background=({r}, {g}, {b}): give red, green and blue from 0 to 1")))
 }
 
 /// A TypeError or ValueError with an argument's name before its text; other exceptions stay as they are.

@@ -2,7 +2,7 @@
 
 use crate::arrays::{Resolution, dictionary};
 use crate::device::{Device, or_usual};
-use crate::errors::{colour, number, some_file, warn, whole, wrong};
+use crate::errors::{colour, number, some_file, some_whole, warn, wrong};
 use crate::model::Model;
 use crate::photos::Photos;
 use crate::watch::{Callbacks, followed};
@@ -19,16 +19,16 @@ use std::path::{Path, PathBuf};
 /// Scores a model against a scene's held-out photos, or against another model's pictures: the record of `qirf-vk eval --json`.
 ///
 /// images: the folder of the scene's photos, such as "images_4"; resolution: their size, such as 640 (pixels wide) or "/2". eval_every:
-/// every eval_every-th photo is held out. background: red, green and blue in [0, 1]. antialias, dilation and depth_order: as in Renderer,
-/// of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with exposures fitted to
-/// the photos, as runs with that effect do.
+/// every eval_every-th photo is held out, 8 by default. background: red, green and blue in [0, 1]. antialias, dilation and depth_order:
+/// as in Renderer, of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with
+/// exposures fitted to the photos, as runs with that effect do.
 ///
 /// The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and lpips_vgg,
 /// lpips_vgg_normalized and lpips_alex, which are None without weights ($QIRF_LPIPS: a file or folder made by tools/lpips-weights).
 /// "ply_bytes" are those of the .ply that the model makes; the record against another model has "schema", "gaussians" with the numbers of
 /// "model" and "original", "test" and "views".
 #[pyfunction]
-#[pyo3(signature = (model, scene=None, *, against=None, images=None, resolution=None, eval_every=8, background=None, antialias=None,
+#[pyo3(signature = (model, scene=None, *, against=None, images=None, resolution=None, eval_every=None, background=None, antialias=None,
     dilation=None, depth_order=false, exposure=false, device=None, on_progress=None))]
 pub fn evaluate<'py>(
     py: Python<'py>,
@@ -37,7 +37,7 @@ pub fn evaluate<'py>(
     against: Option<&Bound<'py, Model>>,
     #[pyo3(from_py_with = some_file)] images: Option<PathBuf>,
     resolution: Option<Resolution>,
-    #[pyo3(from_py_with = whole)] eval_every: i64,
+    #[pyo3(from_py_with = some_whole)] eval_every: Option<i64>,
     background: Option<[f32; 3]>,
     antialias: Option<bool>,
     dilation: Option<f32>,
@@ -62,8 +62,8 @@ pub fn evaluate<'py>(
     if original.is_none() && scene.is_none() {
         return Err(wrong("give a scene, or another model as against"));
     }
-    let of_photos = scene.is_some().then(|| number("eval_every", eval_every, 1)).transpose()?;
-    let photos = Photos { scene, images, resolution, eval_every: of_photos, background }.selection()?;
+    let eval_every = eval_every.map(|every| number("eval_every", every, 1)).transpose()?;
+    let photos = Photos { scene, images, resolution, eval_every, background }.selection()?;
     if let Some((_, other)) = original.filter(|(_, other)| *other != style) {
         let (a, b) = (style.mode(), other.mode());
         let remedy = "antialias=True or antialias=False draws both alike";

@@ -8,6 +8,7 @@ use engine::gaussians::formats::{self, Loaded, Precision, RenderMode, SpzVersion
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::job::Error;
+use engine::job::earlier::spare_model;
 use engine::pipeline::place::place;
 use engine::render::Style;
 use engine::wording::counted;
@@ -175,8 +176,8 @@ fn bands(sh: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<Vec<f32>>> {
 
 #[pymethods]
 impl Model {
-    /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that cannot be drawn are left out,
-    /// with a UserWarning, which also tells of an unclear tag and of a file without Gaussians.
+    /// Reads .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda, .usdz, or a SOG folder; Gaussians that are not finite or have no rotation
+    /// are left out, with a UserWarning, which also tells of an unclear tag and of a file without Gaussians.
     #[staticmethod]
     fn load(py: Python<'_>, #[pyo3(from_py_with = file)] path: PathBuf) -> PyResult<Self> {
         let loaded = detached(py, || formats::read(&path))?.map_err(|e| raised(Error::from(e)))?;
@@ -187,8 +188,8 @@ impl Model {
     /// Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn. A UserWarning tells of positions that float32
     /// rounds far from the origin, such as map coordinates: give means - c with origin=c.
     ///
-    /// means (n, 3); log_scales (n, 3), natural logarithms of standard deviations; rotations (n, 4), quaternions w, x, y, z; opacity_logits
-    /// (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3), as an array or
+    /// means (n, 3); log_scales (n, 3), natural logarithms of standard deviations, below 30; rotations (n, 4), quaternions w, x, y, z;
+    /// opacity_logits (n,); sh: a list of bands (n, 2 l + 1, 3) for l = 0 to L, or all coefficients (n, (L + 1)^2, 3), as an array or
     /// nested lists; L is 0 to 3; origin: see Model.origin.
     #[staticmethod]
     #[pyo3(signature = (means, log_scales, rotations, opacity_logits, sh, *, antialiased=false, origin=[0.0; 3]),
@@ -216,15 +217,17 @@ impl Model {
     }
 
     /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda or .usdz, completely or not at all; an origin is written to georeference.json
-    /// beside it. A model without Gaussians is a ValueError.
+    /// beside it. A model without Gaussians is a ValueError, and so is the name of a run's own model, which its figures describe.
     fn save(&self, py: Python<'_>, #[pyo3(from_py_with = file)] path: PathBuf) -> PyResult<()> {
         if self.inner.is_empty() {
             return Err(wrong("the model has no Gaussian: nothing was written"));
         }
+        spare_model(&path).map_err(raised)?;
         let written = detached(py, || formats::write_at(&path, &self.inner, self.mode, self.origin))?;
         written.map_err(|e| raised(Error::writing(e)))?;
-        let clipped = formats::clip_warning(&path, formats::clipped(&path, &self.inner));
-        clipped.map_or(Ok(()), |line| warn(py, &line))
+        let colours = formats::clip_warning(&path, formats::clipped(&path, &self.inner));
+        let sizes = formats::size_warning(&path, formats::outsized(&path, &self.inner));
+        colours.into_iter().chain(sizes).try_for_each(|line| warn(py, &line))
     }
 
     /// Centres in world units, (n, 3).

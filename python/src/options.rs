@@ -1,9 +1,11 @@
 //! The options of a run: the keys of config.toml as keyword arguments, and short forms of them.
 
-use crate::errors::{number, share, wrong};
+use crate::arrays::Resolution;
+use crate::errors::{colour, number, share, wrong};
 use crate::words::{refusal, repr};
 use engine::effects::{Choice, Effect, Overrides};
 use engine::gaussians::formats::RenderMode;
+use engine::job::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use engine::job::config::{KEYS, Pruning};
 use engine::job::{Init, Preset, RunConfig};
 use engine::qirf::select::budget::Keep;
@@ -38,6 +40,11 @@ const PROGRAM: [(&str, &str); 12] = [
     ("partition", "prune={\"compression\": {\"basis\": {\"partition\": ...}}}"),
     ("overlap", "prune={\"compression\": {\"basis\": {\"overlap\": ...}}}"),
 ];
+
+/// Options of the program that ask for a page, which train does not write.
+const ABSENT: [&str; 2] = ["report", "no_report"];
+/// Largest `count` of a run that grows: it grows to 1 / 0.28 times as many Gaussians, of which there are at most 100,000,000.
+const MOST_GROWN: i64 = 28_000_000;
 
 /// A value in Rust's type, or the refusal of it in Python's terms.
 pub fn read<T: DeserializeOwned>(name: &str, value: &Value) -> PyResult<T> {
@@ -105,10 +112,14 @@ fn check_types(config: &RunConfig, fields: &toml::Table, given: &Value) -> PyRes
 
 /// Refuses keyword arguments that there are not.
 fn check_names(py: Python<'_>, options: &Table) -> PyResult<()> {
-    let known = [&KEYS[..], &SHORT[..]].concat();
+    let known: Vec<&str> = KEYS.split(", ").chain(SHORT).collect();
     let Some(name) = options.keys().find(|name| !known.contains(&name.as_str())) else { return Ok(()) };
     if let Some((_, here)) = PROGRAM.iter().find(|(option, _)| option == name) {
         return Err(PyTypeError::new_err(format!("{name}: did you mean {here}? train has no keyword {name}")));
+    }
+    if ABSENT.contains(&name.as_str()) {
+        let what = "train writes no report; the record of the run has its figures";
+        return Err(PyTypeError::new_err(format!("{name}: {what}")));
     }
     let near = py.import("difflib")?.call_method1("get_close_matches", (name, &known, 1))?;
     Err(PyTypeError::new_err(match near.extract::<Vec<String>>()?.first() {
@@ -134,6 +145,27 @@ fn check_numbers(options: &Table) -> PyResult<()> {
     Ok(())
 }
 
+/// Refuses a whole number of an option that is not from 1 to `most`.
+fn check_range(options: &Table, name: &str, most: i64) -> PyResult<()> {
+    match options.get(name).and_then(Value::as_i64).filter(|value| !(1..=most).contains(value)) {
+        Some(value) => Err(wrong(format!("{name}={value}: give a number from 1 to {most}"))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses colours and sizes of photos that are none, in the words of the other functions' arguments.
+fn check_pictures(options: &mut Table) -> PyResult<()> {
+    if let Some(given @ (Value::Number(_) | Value::String(_))) = options.get_mut("resolution") {
+        let text = given.as_str().map_or_else(|| given.to_string(), ToOwned::to_owned);
+        *given = Value::String(Resolution::of(text, &repr(given))?.0);
+    }
+    let background = options.get("background").map(|given| serde_json::from_value::<[f32; 3]>(given.clone()));
+    if let Some(Ok(background)) = background {
+        colour(background)?;
+    }
+    Ok(())
+}
+
 /// True if the options are a whole config.toml, which has values for everything that a preset decides.
 fn is_whole(config: &RunConfig, options: &Table) -> PyResult<bool> {
     let always = table(config)?;
@@ -150,9 +182,7 @@ pub fn configuration(py: Python<'_>, scene: PathBuf, preset: &str, mut options: 
     options.retain(|_, value| !value.is_null());
     check_names(py, &options)?;
     check_numbers(&options)?;
-    if let Some(resolution @ Value::Number(_)) = options.get_mut("resolution") {
-        *resolution = Value::String(resolution.to_string()); // a width in pixels
-    }
+    check_pictures(&mut options)?;
     if let Some(Value::String(init)) = options.get("init")
         && !["points", "random"].contains(&init.as_str())
     {
@@ -164,8 +194,11 @@ pub fn configuration(py: Python<'_>, scene: PathBuf, preset: &str, mut options: 
         return with(&config, options);
     }
     let schedule = taken_table(&mut options, "schedule");
+    check_range(&options, "iterations", i64::from(MOST_ITERATIONS))?;
     config = scheduled(config, preset, taken(&mut options, "iterations")?, schedule)?;
     decide_effects(&mut config, &mut options)?;
+    let all = i64::try_from(MOST_GAUSSIANS).unwrap_or(i64::MAX);
+    check_range(&options, "count", if config.schedule.growth.is_some() { MOST_GROWN } else { all })?;
     if let Some(pruning) = pruning(preset, &mut options)? {
         config = config.pruned(pruning);
     }

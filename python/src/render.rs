@@ -15,6 +15,7 @@ use engine::render::{Painter, Settings, Source};
 use engine::wording::counted;
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray2, PyArray3};
+use pyo3::exceptions::PyMemoryError;
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -75,6 +76,17 @@ impl Renderer {
     }
 }
 
+/// The error of a device without room for any part of a model, whatever the size of the pictures.
+fn no_room(error: Error) -> PyErr {
+    match error {
+        Error::Memory { there, device, .. } => PyMemoryError::new_err(format!(
+            "{device} allows {there} bytes, which hold no part of a model: give another device, or a larger memory_limit if \
+             you set one"
+        )),
+        other => raised(other),
+    }
+}
+
 /// A camera from a Camera, or from K, world_to_camera and size.
 fn camera_of(
     [camera, k]: [Option<&Bound<'_, PyAny>>; 2],
@@ -115,7 +127,7 @@ impl Renderer {
             let place = budget::for_pictures(&device, &model, [1280, 720], style)?;
             place.whole.then(|| Resident::upload(&device, &model).map_err(Error::from)).transpose()
         });
-        let resident = resident?.map_err(raised)?;
+        let resident = resident?.map_err(no_room)?;
         let there = Kept::new(OnDevice { device, resident, brushes: Mutex::default() });
         Ok(Self { model, settings: style.over(colour(background)?), there })
     }

@@ -127,7 +127,7 @@ fn job(
 /// within the run's folder are relative to it. In a dict as schedule or prune, keys that are left out have the preset's values, and None
 /// removes one. Short forms: iterations; keep (a share) or count of Gaussians; prune=False; schedule="attrition", "one-shot" or "gradual",
 /// the schedule of the prune; effects=["exposure=on"] or {"exposure": "on"}; init="random", the path of a model, or a Model, which is written
-/// to the folder as initial.ply. Unknown keywords are TypeErrors.
+/// to the folder as initial.ply, without its bands above a given sh_degree. Unknown keywords are TypeErrors.
 #[pyfunction]
 #[pyo3(signature = (scene, preset="standard", *, output=None, device=None, resume=false, overwrite=false, on_step=None, on_progress=None, **options))]
 pub fn train(

@@ -51,6 +51,18 @@ def test_a_run_begins_with_a_model(scene, trained, tmp_path):
         qirf_vk.train(scene, init=trained.model.select(slice(5)), output=tmp_path / "model", resume=True, **options)
 
 
+def test_an_initial_model_has_the_degree_that_is_asked_for(scene, trained, tmp_path):
+    flat = trained.model.with_degree(0)
+    bands = [*flat.sh, *(np.zeros((len(flat), 2 * l + 1, 3)) for l in (1, 2, 3))]
+    options = {"init": qirf_vk.Model.from_arrays(*arrays(flat)[:4], bands), "iterations": 3, "prune": False}
+    for asked, degree in (({"sh_degree": 0}, 0), ({"sh_degree": 1}, 1), ({"effects": {"view_dependence": False}}, 0)):
+        assert qirf_vk.train(scene, **options, **asked).model.degree == degree, asked
+    kept = qirf_vk.train(scene, output=tmp_path, **options)
+    decision = next(effect for effect in kept.record["effects"] if effect["name"] == "view_dependence")
+    assert kept.model.degree == decision["degree"] == 3
+    assert "\nsh_degree = 3\n" in (tmp_path / "config.toml").read_text()
+
+
 def test_contradictions_are_named(tmp_path):
     wrong = {
         r"iterations=30 contradicts schedule=": {"iterations": 30, "schedule": {"iterations": 10}},
@@ -79,7 +91,14 @@ def test_messages_are_in_pythons_terms(tmp_path):
         "schedule.position_rate is \"x\", a number is needed": {"schedule": {"position_rate": "x"}},
         "schedule has a key \"foo\" that is not known: its keys are \"iterations\"": {"schedule": {"foo": 1}},
         "prune.l2 is \"x\", a number is needed": {"prune": {"l2": "x"}},
-        "schedule.iterations = 0: give a number from 1": {"iterations": 0},
+        "iterations=0: give a number from 1": {"iterations": 0},
+        "schedule.iterations = 0: give a number from 1": {"schedule": {"iterations": 0}},
+        "count=1000000000: give a number from 1 to 28000000": {"count": 10**9},
+        "resolution=0: give a width in pixels": {"resolution": 0},
+        'resolution="64x48": give a width in pixels': {"resolution": "64x48"},
+        r"background=\(2, 0, 0\): give red, green and blue": {"background": (2, 0, 0)},
+        "seed=nan: give finite numbers": {"seed": float("nan")},
+        r"effects=\{'a'\}: give a number, a text, a path, a list or a dict": {"effects": {"a"}},
         'schedule="often": give "attrition"': {"schedule": "often"},
         'preset is "fast": give one of "paper"': {"preset": "fast"},
         "background is .*, a list of three numbers is needed": {"background": (1, 2)},
@@ -94,6 +113,7 @@ def test_messages_are_in_pythons_terms(tmp_path):
         "target_count: did you mean count?": {"target_count": 3},
         "grow_to: did you mean schedule=": {"grow_to": 500},
         "no_prune: did you mean prune=False": {"no_prune": True},
+        "report: train writes no report": {"report": False},
         "train has no keyword xyzzy; it has scene, images": {"xyzzy": 1},
     }
     for text, options in unknown.items():
@@ -134,7 +154,7 @@ def test_photos_are_chosen_everywhere(trained, scene, tmp_path):
         given = {"images": "others"}
         assert qirf_vk.evaluate(model, scene, **given)["test"]["psnr"] == pytest.approx(trained.record["test"]["psnr"], abs=1e-4)
         assert len(model.crop_views(scene, **given)) > 0 and len(model.remove("floaters", scene=scene, **given)) > 0
-        options = {"antialias": True, "dilation": 0.3, "background": (1, 0, 0), "eval_every": 3}
+        options = {"antialias": True, "dilation": 0.3, "background": (1, 0, 0), "eval_every": 3, "exposure": True}
         smaller, record = qirf_vk.compress(model, 0.5, scene=scene, **given, **options)
         smaller.save(tmp_path / "python.ply")
         model.save(tmp_path / "model.ply")
@@ -142,6 +162,7 @@ def test_photos_are_chosen_everywhere(trained, scene, tmp_path):
         program("compress", tmp_path / "model.ply", "-o", tmp_path / "program.ply", "--scene", scene, *asked)
         assert (tmp_path / "python.ply").read_bytes() == (tmp_path / "program.ply").read_bytes() and smaller.antialiased
         assert record["protocol"]["test_views"] == 3 and record["protocol"]["background"] == [1, 0, 0]
+        assert "affine" in record["protocol"]["exposure"]
     finally:
         os.rename(scene / "others", scene / "images")
     for call in (lambda: qirf_vk.compress(model, images="others"), lambda: model.remove("floaters", images="others")):

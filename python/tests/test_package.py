@@ -87,6 +87,15 @@ def test_wrong_arrays_are_named(ring):
         make(broken, scales, rotations, logits, sh)
     with pytest.raises(ValueError, match="means"):
         make("no array", scales, rotations, logits, sh)
+    broken = rotations.copy()
+    broken[4, 1] = np.nan
+    with pytest.raises(ValueError, match="Gaussian 4: its rotation is not finite"):
+        make(means, scales, broken, logits, sh)
+    with np.errstate(over="ignore"), pytest.raises(ValueError, match="means has numbers that are too large for float32"):
+        make(np.full(means.shape, 1e39), scales, rotations, logits, sh)
+    one = ring.select([0])
+    with pytest.raises(ValueError, match=r"opacity_logits has the shape \(\), and should have \(1,\)"):
+        make(one.means, one.log_scales, one.rotations, 0.5, one.sh)
     broken = scales.copy()
     broken[3, 0] = 200
     with pytest.raises(ValueError, match="Gaussian 3: its log_scales are too large"):
@@ -98,8 +107,13 @@ def test_short_rotations_and_large_scales_are_kept(ring):
     short = qirf_vk.Model.from_arrays(means, scales, rotations * np.float32(1e-18), logits, sh).rotations
     units = [turns / np.linalg.norm(turns, axis=1, keepdims=True) for turns in (short, rotations)]
     assert np.allclose(*units, atol=1e-5)
-    large = qirf_vk.Model.from_arrays(means, np.full_like(scales, 88), rotations, logits, sh).scale(10)
-    assert (pickle.loads(pickle.dumps(large)).log_scales == large.log_scales).all() and large.log_scales.max() > 90
+    large = qirf_vk.Model.from_arrays(means, np.full_like(scales, 29.9), rotations, logits, sh).scale(10)
+    assert (pickle.loads(pickle.dumps(large)).log_scales == large.log_scales).all() and large.log_scales.max() > 30
+    with pytest.raises(ValueError, match="Gaussian 0: its log_scales .* should be less than 30"):
+        qirf_vk.Model.from_arrays(means, np.full_like(scales, 30), rotations, logits, sh)
+    one = qirf_vk.Model.from_arrays([[0, 0, 5]], [[29.9] * 3], [[1, 0, 0, 0]], [3.0], np.zeros((1, 1, 3)))
+    camera = qirf_vk.Camera.look_at((0, 0, 0), (0, 0, 1), size=(32, 24))
+    assert qirf_vk.Renderer(one).render(camera)[..., 3].min() > 0.9, "what is accepted is drawn"
 
 
 def test_errors_have_their_kinds(ring, tmp_path):
@@ -132,7 +146,7 @@ def test_errors_have_their_kinds(ring, tmp_path):
         qirf_vk.evaluate(ring, tmp_path, against=ring)
     wrong = {
         "count=0: give 1 or more": lambda: qirf_vk.compress(ring, count=0),
-        "count=-3: give 1 or more": lambda: qirf_vk.train(tmp_path, count=-3),
+        "count=-3: give a number from 1": lambda: qirf_vk.train(tmp_path, count=-3),
         "keep=3: give a share": lambda: qirf_vk.train(tmp_path, keep=3),
         "seed is \"x\", a whole number is needed": lambda: qirf_vk.train(tmp_path, seed="x", sh_degree=1),
         "views=1: give 2 or more": lambda: qirf_vk.compress(ring, views=1),
@@ -146,6 +160,7 @@ def test_errors_have_their_kinds(ring, tmp_path):
         "psnr=500": lambda: qirf_vk.compress(ring, psnr=500, output=tmp_path / "x.sog"),
         "picture_size": lambda: qirf_vk.compress(ring, picture_size=(0, 3)),
         "views and picture_size are": lambda: qirf_vk.compress(ring, views=4, scene=tmp_path),
+        "exposures are fitted to a scene's photos": lambda: qirf_vk.compress(ring, exposure=True),
         "resolution is of a scene's photos": lambda: qirf_vk.evaluate(ring, against=ring, resolution=20),
         "background=": lambda: qirf_vk.Renderer(ring, background=(2, 0, 0)),
         "K should be": lambda: qirf_vk.Camera(np.diag([9, 9, 2]), np.eye(4), (4, 4)),
@@ -163,7 +178,7 @@ def test_errors_have_their_kinds(ring, tmp_path):
         "offset=": lambda: ring.move_by((0, np.nan, 0)),
         "keep=nan": lambda: qirf_vk.train(tmp_path, keep=np.nan),
         "iterations=inf": lambda: qirf_vk.train(tmp_path, iterations=np.inf),
-        "iterations is -1, a whole number of 0 or more": lambda: qirf_vk.train(tmp_path, iterations=-1),
+        "iterations=-1: give a number from 1": lambda: qirf_vk.train(tmp_path, iterations=-1),
         r"seed: give a number below 2\^63": lambda: qirf_vk.train(tmp_path, seed=2**70),
         r"seed: give a number above -2\^63": lambda: qirf_vk.train(tmp_path, seed=-(10**30)),
         "seed=9223372036854775808: give a smaller number": lambda: qirf_vk.train(tmp_path, seed=2**63),
@@ -175,7 +190,11 @@ def test_errors_have_their_kinds(ring, tmp_path):
         "low: expected a sequence of length 3": lambda: ring.crop_box((0, 0), (1, 1, 1)),
         "views=4294967295: give at most": lambda: qirf_vk.compress(ring, 0.5, views=2**32 - 1),
         "count=4000000000: give at most": lambda: qirf_vk.orbit(ring, 4 * 10**9),
-        "is a direction": lambda: qirf_vk.Camera.look_at((0, 0, -3), target=(np.nan, 0, 0)),
+        "target=.*: give finite numbers": lambda: qirf_vk.Camera.look_at((0, 0, -3), target=(np.nan, 0, 0)),
+        "up has length 0": lambda: qirf_vk.Camera.look_at((0, 0, -3), up=(0, 0, 0)),
+        r"but K\[0, 1\] is 1e-17": lambda: qirf_vk.Camera([[9, 1e-17, 0], [0, 9, 0], [0, 0, 1]], np.eye(4), (4, 4)),
+        "eval_every is of a scene's photos": lambda: qirf_vk.evaluate(ring, against=ring, eval_every=3),
+        "resolution=32.0: give a width in pixels": lambda: qirf_vk.evaluate(ring, tmp_path, resolution=32.0),
         "size has 3 numbers": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), [4, 4, 4]),
         "background": lambda: qirf_vk.train(tmp_path, background=np.ones(2)),
         "near=NaN": lambda: qirf_vk.Camera(np.diag([9, 9, 1]), np.eye(4), (4, 4), near=np.nan),
@@ -196,6 +215,9 @@ def test_arguments_of_wrong_types_are_named(ring, tmp_path):
         "picture_size: 'float' object": lambda: qirf_vk.compress(ring, picture_size=(4.5, 3)),
         "offset: ": lambda: ring.move_by(3),
         "up: must be real number": lambda: qirf_vk.orbit(ring, 2, up=("x", 0, 0)),
+        "chosen is of type set: give": lambda: ring.select({1, 2}),
+        "chosen is of type NoneType: give": lambda: ring.select(None),
+        "means is None: give an array": lambda: qirf_vk.Model.from_arrays(None, *arrays(ring)[1:]),
         "on_step should be a function": lambda: qirf_vk.train(tmp_path, output=tmp_path / "run", on_step=3),
         "on_progress should be a function": lambda: qirf_vk.evaluate(ring, against=ring, on_progress="print"),
     }
@@ -335,6 +357,20 @@ def test_training_is_the_programs(scene, trained, tmp_path):
     steps = []
     dense = qirf_vk.train(scene, iterations=40, prune=False, output=tmp_path / "dense", on_step=steps.append)
     assert steps == dense.log and dense.folder is not None and (Path(dense.folder) / "config.toml").exists()
+
+
+def test_outputs_are_checked_before_any_work(ring, tmp_path):
+    calls, small = [], {"views": 2, "picture_size": (24, 24), "on_progress": lambda *told: calls.append(told)}
+    (tmp_path / "x.ply").mkdir()
+    for output, kind in ((tmp_path / "no" / "x.ply", FileNotFoundError), (tmp_path / "x.ply", ValueError)):
+        with pytest.raises(kind, match="x.ply"):
+            qirf_vk.compress(ring, 0.5, output=output, **small)
+    for name in ("config.toml", "model.ply"):
+        (tmp_path / name).write_text("a run's")
+    for call in (lambda: ring.save(tmp_path / "model.ply"), lambda: qirf_vk.compress(ring, 0.5, output=tmp_path / "model.sog", **small)):
+        with pytest.raises(ValueError, match="is a run's model, which the figures beside it describe"):
+            call()
+    assert not calls and (tmp_path / "model.ply").read_text() == "a run's"
 
 
 def test_compression_and_scores_are_the_programs(trained, scene, tmp_path):

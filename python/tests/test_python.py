@@ -37,6 +37,11 @@ def test_select_is_numpys(ring):
             ring.select([0, beyond])
 
 
+def test_paths_may_be_bytes(ring, tmp_path):
+    ring.save(os.fsencode(tmp_path / "model.ply"))
+    assert len(qirf_vk.Model.load(os.fsencode(tmp_path / "model.ply"))) == len(ring)
+
+
 def test_models_without_gaussians_are_not_written(ring, tmp_path):
     with pytest.raises(ValueError, match="no Gaussian: nothing was written"):
         ring.select([]).save(tmp_path / "empty.ply")
@@ -102,6 +107,9 @@ def test_representations_tell_what_things_are(ring, trained):
     renderer = repr(qirf_vk.Renderer(ring))
     assert renderer.startswith(f"Renderer({len(ring)} Gaussians, on ") and qirf_vk.Device().name in renderer
     assert repr(ring.select([0])).startswith("Model(1 Gaussian, ")
+    for camera in [*qirf_vk.orbit(ring, 4), qirf_vk.Camera.look_at((0, 1e-300, -3))]:
+        text = repr(camera)
+        assert np.allclose(json.loads(text.split(" at ")[1][:-1]), camera.centre) and len(text) < 70 and "-0," not in text
 
 
 def signature(node):
@@ -158,7 +166,7 @@ def test_the_programs_warnings_are_warnings(ring, trained, scene, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert qirf_vk.evaluate(smooth, against=ring, antialias=False)["test"]["psnr"] is None
-    with pytest.warns(UserWarning, match="no file in this format reaches 99 dB"):
+    with pytest.warns(UserWarning, match="no file tried in this format reaches 99 dB"):
         qirf_vk.compress(trained.model, psnr=99, output=tmp_path / "x.sog", views=4, picture_size=(64, 48))
     moved = trained.model.move_by((0.8, 0.3, 0))
     with warnings.catch_warnings(record=True) as told:
@@ -221,7 +229,10 @@ sys.exit(0 if os.waitstatus_to_exitcode(os.wait()[1]) == 5 else 1)
 
 def test_masks_and_complex_numbers_are_not_dropped(ring):
     masked = np.ma.masked_greater(ring.means, 0)
-    for call in (lambda: qirf_vk.Model.from_arrays(masked, *arrays(ring)[1:]), lambda: ring.select(np.ma.masked_greater([0, 1], 0))):
+    rows = [np.ma.masked_array(row, mask=[i == 5, False, False]) for i, row in enumerate(ring.means)]
+    make = qirf_vk.Model.from_arrays
+    assert np.array_equal(make(rows[:5], *arrays(ring.select(slice(5)))[1:]).means, ring.means[:5])
+    for call in (lambda: make(masked, *arrays(ring)[1:]), lambda: make(rows, *arrays(ring)[1:]), lambda: ring.select(np.ma.masked_greater([0, 1], 0))):
         with pytest.raises(ValueError, match="(means|chosen) is masked: fill it, or leave out"):
             call()
     assert len(ring.select(np.ma.masked_greater([0, 1], 5))) == 2
@@ -248,5 +259,7 @@ def test_refusals_tell_what_was_given(ring, tmp_path):
         with pytest.raises(ValueError, match=r"matrix has the shape .*, and should have \(3, 4\) or \(4, 4\)"):
             ring.transform(np.zeros(shape))
     assert np.array_equal(ring.transform(pose[:3]).means, ring.means)
+    with pytest.raises(MemoryError, match="hold no part of a model: give another device, or a larger memory_limit"):
+        qirf_vk.Renderer(ring, qirf_vk.Device(memory_limit=100_000))
     with pytest.raises(MemoryError, match="give a smaller size"):
         qirf_vk.Renderer(ring).render(K, pose, (65536, 65536))

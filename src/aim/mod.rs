@@ -1,6 +1,6 @@
 //! Search for the best file: a number of Gaussians, and a rung of the format's list of settings.
 //!
-//! Bytes and PSNR grow with both. At each rung, a secant search over the number of Gaussians finds the file of the target size
+//! Bytes and PSNR usually grow with both. At each rung, a secant search over the number of Gaussians finds the file of the target size
 //! or PSNR, or comes near enough to foretell its bytes. The search proceeds to the next rung as long as the file gets better.
 
 mod psnr;
@@ -65,14 +65,26 @@ impl<'a, T: Trials> Search<'a, T> {
 
     /// Finds the best file.
     pub fn find(&mut self, aim: Aim) -> Result<Found, T::Error> {
-        let smallest = self.trials.bytes(0, self.whole.min(1))?;
-        self.fixed = smallest as f64;
+        let least = self.trials.bytes(0, self.whole.min(1))?;
+        self.fixed = least as f64;
         match aim {
-            Aim::Bytes(size) if size < smallest => Ok(Found::TooSmall(smallest)),
+            Aim::Bytes(size) if size < least => self.of_one(size, least),
             _ if self.whole == 0 => self.scored(0, 0).map(Found::Best),
             Aim::Bytes(size) => self.by_size(size).map(Found::Best),
             Aim::Psnr(psnr) => self.by_psnr(psnr).map(Found::Best),
         }
+    }
+
+    /// The file of one Gaussian at the first rung where it takes at most `size` bytes: finer ones may take fewer than the coarsest, `least`.
+    fn of_one(&mut self, size: u64, mut least: u64) -> Result<Found, T::Error> {
+        let one = self.whole.min(1);
+        for rung in self.steps.iter().copied() {
+            least = least.min(self.trials.bytes(rung, one)?);
+            if least <= size {
+                return self.scored(rung, one).map(Found::Best);
+            }
+        }
+        Ok(Found::TooSmall(least))
     }
 
     fn bytes(&mut self, rung: usize, gaussians: usize) -> Result<u64, T::Error> {

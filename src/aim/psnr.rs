@@ -5,7 +5,7 @@ use super::{MOST, Search, Trials};
 use crate::job::records::Point;
 
 /// Distance in dB from the target PSNR from which the bytes of the file with that PSNR are foretold.
-const ROUGH: f64 = 1.0;
+const ROUGH: f64 = 0.5;
 /// Excess in dB over the target that is worth attempts beyond all others.
 const FAR: f64 = 0.5;
 /// Maximum number of attempts at one rung until its bytes are foretold, and at the first one, where nothing is known yet.
@@ -41,13 +41,32 @@ impl<T: Trials> Search<'_, T> {
         }
         self.follow(wanted, &mut rows)?;
         // The files tried by now may make another rung the best, whose neighbours are unknown.
+        let mut idle = 0;
         while self.left() > 2
+            && idle < 2
             && let Some((near, rung)) = best(&rows).zip(self.neighbour(&rows))
         {
+            let before = self.smallest(wanted);
             let mut row = rows[near].at(rung);
             self.attempt(&mut row)?;
             rows.push(row);
             self.follow(wanted, &mut rows)?;
+            let saves = |now: Point, before: Point| now.bytes as f64 <= (1.0 - SAVING) * before.bytes as f64;
+            idle = if self.smallest(wanted).zip(before).is_some_and(|(now, before)| !saves(now, before)) {
+                idle + 1
+            } else {
+                0
+            };
+        }
+        // Where PSNR hardly depends on the number, as with held-out photos, secants through one file mislead.
+        for at in 0..rows.len() {
+            if self.left() > 2
+                && let Some((rung, gaussians)) = rows[at].half()
+            {
+                let point = self.scored(rung, gaussians)?;
+                rows[at].add(point);
+                self.follow(wanted, &mut rows)?;
+            }
         }
         // Where every row turned out to miss the target, a finer rung of the whole model reaches it.
         if self.smallest(wanted).is_none() {
@@ -59,10 +78,19 @@ impl<T: Trials> Search<'_, T> {
         if let Some(point) = self.smallest(wanted).filter(|point| point.psnr > Some(wanted + FAR)) {
             self.halve(point, wanted)?;
         }
-        match self.smallest(wanted) {
-            Some(point) => Ok(point),
-            None => self.scored(self.last(), self.whole),
+        if let Some(point) = self.smallest(wanted) {
+            return Ok(point);
         }
+        // Held-out photos may agree better with fewer Gaussians than with all.
+        let better = |ends: &[Point]| ends[0].rung == ends[1].rung && ends[0].psnr > ends[1].psnr;
+        if self.whole <= SMALL || self.tried().windows(2).any(better) {
+            for parts in 2..=4 {
+                self.scored(self.last(), (self.whole / parts).max(1))?;
+            }
+        }
+        let nearest = |point: &Point| (point.psnr.map_or(i64::MIN, |psnr| (1e6 * psnr) as i64), point.gaussians);
+        let most = self.tried().into_iter().max_by_key(nearest);
+        self.smallest(wanted).or(most).map_or_else(|| self.scored(self.last(), self.whole), Ok)
     }
 
     /// Adds the row of a rung, with attempts that come as near to the target as its bytes need to be foretold.
@@ -81,20 +109,26 @@ impl<T: Trials> Search<'_, T> {
         Ok(())
     }
 
-    /// The step above the best row, or else the one below, where no row is as near on that side; above all rows if none reaches the PSNR.
+    /// The step above the best row, or else the one below, where no row is as near on that side; or else halfway to the row that is farthest
+    /// away of the two beside it. Above all rows if none reaches the PSNR.
     fn neighbour(&self, rows: &[Row]) -> Option<usize> {
         let tried = || rows.iter().filter_map(|row| row.rung);
         let best = best(rows);
         let rung = best.map_or_else(|| tried().max(), |at| rows[at].rung)?;
-        let above = self.steps.iter().copied().find(|step| *step > rung);
-        let below = self.steps.iter().rev().copied().find(|step| *step < rung && best.is_some());
-        let above = above.filter(|step| !tried().any(|other| other > rung && other <= *step));
-        above.or(below.filter(|step| !tried().any(|other| other < rung && other >= *step)))
+        let (above, below) = (tried().filter(|other| *other > rung).min(), tried().filter(|other| *other < rung).max());
+        let up = self.steps.iter().copied().find(|step| *step > rung && above.is_none());
+        let down = self.steps.iter().rev().copied().find(|step| *step < rung && best.is_some() && below.is_none());
+        let between = || {
+            let beside = above.into_iter().chain(below).filter(|other| other.abs_diff(rung) > 1);
+            beside.max_by_key(|other| other.abs_diff(rung)).map(|other| other.midpoint(rung))
+        };
+        up.or(down).or_else(|| best.and_then(|_| between()))
     }
 
     /// Follows the row that promises the smallest file, until one file is near the target and no row promises a smaller one.
     fn follow(&mut self, wanted: f64, rows: &mut Vec<Row>) -> Result<(), T::Error> {
-        while (self.left() > 0 || self.smallest(wanted).is_none())
+        let limit = self.most + TO_HALVE;
+        while (self.left() > 0 || self.smallest(wanted).is_none() && self.tried.len() < limit)
             && let Some(at) = self.most_promising(wanted, rows)
             && self.attempt(&mut rows[at])?
         {}

@@ -1,5 +1,6 @@
 //! Files in a row, from the fewest bytes to the most, and the search among them for the one with a PSNR.
 
+use super::psnr::SMALL;
 use crate::job::records::Point;
 use std::f64::consts::LN_2;
 
@@ -15,6 +16,8 @@ const A_THIRD: f64 = 42.0;
 const HIDDEN: f64 = 0.35;
 /// Growth of a file from rung to rung.
 const GROWTH: f64 = 1.03;
+/// Share of the Gaussians of a large model within which another file is not worth an attempt: PSNR differs there by chance.
+const NARROW: f64 = 0.005;
 
 /// Files of growing numbers of Gaussians at one rung, or of the whole model at finer and finer rungs.
 ///
@@ -29,6 +32,8 @@ pub(super) struct Row {
     ends: [usize; 2],
     wanted: f64,
     guess: f64,
+    /// dB for twice as many Gaussians, or for one rung more, before two files are known: usually, or near the target at another rung.
+    slope: f64,
     known: Vec<Point>,
     /// The last file brought the target no nearer.
     stalled: bool,
@@ -38,18 +43,28 @@ impl Row {
     /// Files at a rung, of a model of `whole` Gaussians.
     pub(super) fn of_rung(rung: usize, wanted: f64, whole: usize) -> Self {
         let guess = (whole as f64 / 3.0).ln() + (wanted - A_THIRD) / AN_OCTAVE * LN_2;
-        Self { rung: Some(rung), whole, ends: [1, whole], wanted, guess, known: Vec::new(), stalled: false }
+        let slope = AN_OCTAVE / LN_2;
+        Self { rung: Some(rung), whole, ends: [1, whole], wanted, guess, slope, known: Vec::new(), stalled: false }
     }
 
     /// Files of a whole model of `whole` Gaussians, up to the `last` rung.
     pub(super) fn of_whole(last: usize, wanted: f64, whole: usize) -> Self {
-        Self { rung: None, ends: [0, last], ..Self::of_rung(0, wanted, whole) }
+        Self { rung: None, ends: [0, last], slope: A_RUNG, ..Self::of_rung(0, wanted, whole) }
     }
 
     /// The files at another rung, which are about as good at equal numbers.
     pub(super) fn at(&self, rung: usize) -> Self {
         let fresh = Self::of_rung(rung, self.wanted, self.whole);
-        if self.known.is_empty() { fresh } else { Self { guess: self.target(), ..fresh } }
+        if self.known.is_empty() {
+            return fresh;
+        }
+        let slope = match self.finite()[..] {
+            [a, b, ..] if self.rung.is_some() => {
+                ((a.1 - b.1) / (a.0 - b.0)).clamp(0.5 * fresh.slope, 2.0 * fresh.slope)
+            }
+            _ => fresh.slope,
+        };
+        Self { guess: self.target(), slope, ..fresh }
     }
 
     /// Adds a file of this row.
@@ -76,6 +91,7 @@ impl Row {
                 0.5 * (low + high)
             }
             Some(_) => expected,
+            None if high.is_some_and(|high| expected >= self.abscissa(high)) => self.abscissa(high.unwrap_or(1)) - LN_2,
             None => low.map_or(expected, |low| expected.min(self.abscissa(low) + self.reach())),
         };
         let number = if self.rung.is_some() { at.exp() } else { at };
@@ -83,11 +99,19 @@ impl Row {
         Some(self.rung.map_or((number, self.whole), |rung| (rung, number)))
     }
 
+    /// Rung and Gaussians of a file of half as many Gaussians as the only one known, if that exceeds the target; none otherwise.
+    pub(super) fn half(&self) -> Option<(usize, usize)> {
+        let [only] = self.known[..] else { return None };
+        let exceeds = only.psnr > Some(self.wanted + NEAR) && only.gaussians > 1;
+        self.rung.filter(|_| exceeds).map(|rung| (rung, only.gaussians / 2))
+    }
+
     /// Whether a smaller file of the target PSNR may be left to try.
     pub(super) fn is_open(&self) -> bool {
         let [_, high] = self.bracket();
         let is_met = high.is_some_and(|high| high.psnr <= Some(self.wanted + NEAR));
-        !is_met && self.next().is_some()
+        let is_narrow = self.rung.is_some() && self.whole > SMALL && self.width().is_some_and(|width| width < NARROW);
+        !is_met && !is_narrow && self.next().is_some()
     }
 
     /// Whether a file was tried in this row.
@@ -160,7 +184,7 @@ impl Row {
 
     /// The abscissa at which the target is expected, by the files nearest to it.
     fn target(&self) -> f64 {
-        let usual = if self.rung.is_some() { AN_OCTAVE / LN_2 } else { A_RUNG };
+        let usual = self.slope;
         let wanted = self.wanted + AIMED;
         match self.finite()[..] {
             // Equal pictures: far fewer.

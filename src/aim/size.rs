@@ -11,6 +11,8 @@ const SHARE: f64 = 0.983;
 const CLOSE: f64 = 0.992;
 /// Initial guess of the bytes of a Gaussian.
 const GUESS: f64 = 10.0;
+/// Growth of a file from the first rung to the last one, before two rungs are known.
+const WHOLE_LADDER: f64 = 4.0;
 
 /// PSNR in dB that a file may lose against a smaller one that does not fill the size.
 const FILLING: f64 = 0.2;
@@ -29,28 +31,25 @@ fn is_better(point: &Point, than: &Point, size: u64) -> bool {
 impl<T: Trials> Search<'_, T> {
     pub(super) fn by_size(&mut self, size: u64) -> Result<Point, T::Error> {
         let start = (self.steps.len() - 1).div_ceil(3);
-        let mut guess = (size as f64 - self.fixed) / GUESS;
+        let guess = (size as f64 - self.fixed) / GUESS;
         let mut best = None::<Point>;
         let better = |point: &Point, best: &Option<Point>| best.is_none_or(|b| is_better(point, &b, size));
+        let mut missed = false;
         for step in start..self.steps.len() {
             let rung = self.steps[step];
             // A step below settings at which the whole model fits.
             if best.is_some_and(|b| b.rung >= rung) {
                 continue;
             }
-            let mut point = self.on_rung(rung, size, guess)?;
-            while let Some(whole) = point.filter(|p| p.gaussians == self.whole && !is_full(p, size))
-                && let Some((rung, fewer)) = self.above(whole.rung, size)?
-            {
-                let above = self.scored(rung, fewer)?;
-                if !is_better(&above, &whole, size) {
+            let point = self.on_rung(rung, size, best.map_or(guess, |best| self.expected(&best, rung, size)))?;
+            let Some(point) = point.filter(|point| better(point, &best)) else {
+                // The first cut costs most: a finer rung may make up for it.
+                if missed || best.is_none_or(|best| best.gaussians < self.whole) {
                     break;
                 }
-                point = Some(above);
-            }
-            let Some(point) = point.filter(|point| better(point, &best)) else { break };
-            guess =
-                if point.gaussians == self.whole { guess.max(self.whole as f64) } else { 0.8 * point.gaussians as f64 };
+                missed = true;
+                continue;
+            };
             best = Some(point);
             if point.rung == self.last() || self.left() < 2 {
                 break;
@@ -58,11 +57,11 @@ impl<T: Trials> Search<'_, T> {
         }
         if best.is_none_or(|b| b.rung == self.steps[start] && b.gaussians < self.whole) {
             for step in (0..start).rev() {
-                guess = best.map_or(guess, |b| 1.2 * b.gaussians as f64);
                 if best.is_some() && self.left() < 2 {
                     break;
                 }
-                let point = self.on_rung(self.steps[step], size, guess)?;
+                let rung = self.steps[step];
+                let point = self.on_rung(rung, size, best.map_or(guess, |best| self.expected(&best, rung, size)))?;
                 let Some(point) = point.filter(|point| better(point, &best)) else {
                     if best.is_some() {
                         break;
@@ -73,10 +72,56 @@ impl<T: Trials> Search<'_, T> {
             }
         }
         match best {
-            Some(best) => self.polish(best, size),
+            Some(best) => {
+                let best = self.between(best, size)?;
+                self.polish(best, size)
+            }
             // One Gaussian at the coarsest rung is small enough.
             None => self.scored(0, 1),
         }
+    }
+
+    /// Tries rungs between those tried, and the whole model where it just fits, as far as attempts are left.
+    fn between(&mut self, mut best: Point, size: u64) -> Result<Point, T::Error> {
+        while self.left() > 1
+            && let Some((rung, guess)) = self.gap(&best, size)
+        {
+            let known = self.tried.len();
+            if let Some(point) = self.on_rung(rung, size, guess)?.filter(|point| is_better(point, &best, size)) {
+                best = point;
+            }
+            if self.tried.len() == known {
+                break;
+            }
+        }
+        Ok(best)
+    }
+
+    /// A rung to try beside the best one, and about how many Gaussians fill the size there: the last one at which the whole model fits, if there is
+    /// such a rung; otherwise one halfway to the farther of the two that were tried next to it, or to the better one if both are equally far.
+    fn gap(&self, best: &Point, size: u64) -> Option<(usize, f64)> {
+        // The largest file of each rung that is small enough.
+        let mut filled: Vec<Point> = Vec::new();
+        for point in self.tried.values().filter(|point| point.psnr.is_some() && point.bytes <= size) {
+            match filled.last_mut().filter(|last| last.rung == point.rung) {
+                Some(last) => *last = *point,
+                None => filled.push(*point),
+            }
+        }
+        let ln = |point: &Point| (point.gaussians as f64).ln();
+        let first = filled.first().filter(|first| first.gaussians < self.whole);
+        if let Some(first) = first {
+            let rung = first.rung as f64 - ((self.whole as f64).ln() - ln(first)) / self.growth(first.rung);
+            if rung >= 0.0 {
+                return Some((rung as usize, self.whole as f64));
+            }
+        }
+        let at = filled.iter().position(|point| point.rung == best.rung)?;
+        let beside = [at.checked_sub(1), Some(at + 1)].map(|at| at.and_then(|at| filled.get(at)));
+        let apart = |point: &Point| point.rung.abs_diff(best.rung);
+        let wide = beside.into_iter().flatten().filter(|point| apart(point) > 1);
+        let next = wide.max_by_key(|point| (apart(point), point.psnr.map(|psnr| (1e3 * psnr) as i64)))?;
+        Some((next.rung.midpoint(best.rung), (0.5 * (ln(next) + ln(best))).exp()))
     }
 
     /// The rung and the number of Gaussians of a file of at most `size` bytes: of all Gaussians, as fine as that allows; of fewer, but one at
@@ -133,7 +178,10 @@ impl<T: Trials> Search<'_, T> {
                 break;
             }
             let next = match high {
-                None => self.last(),
+                None => {
+                    let rungs = (size / low.1).ln() / self.growth(low.0);
+                    (low.0 + rungs.ceil() as usize).clamp(low.0 + 1, self.last())
+                }
                 Some((rung, _)) if rung <= low.0 + 1 => break,
                 // Bytes grow by about the same factor from each rung to the next.
                 Some((rung, bytes)) => {
@@ -152,14 +200,37 @@ impl<T: Trials> Search<'_, T> {
         Ok(low.0)
     }
 
+    /// The logarithm of the factor by which files grow from rung to rung: between the tried ones nearest to a rung, or usually.
+    fn growth(&self, rung: usize) -> f64 {
+        let nearest = |far: &dyn Fn(usize) -> bool| {
+            self.tried.values().filter(|point| far(point.rung)).min_by_key(|point| point.rung.abs_diff(rung))
+        };
+        let first = nearest(&|_| true);
+        let apart = self.last().div_ceil(12);
+        let second = first.and_then(|first| nearest(&|other| other.abs_diff(first.rung) >= apart));
+        let growth =
+            first.zip(second).map(|(a, b)| (self.each(b) / self.each(a)).ln() / (b.rung as f64 - a.rung as f64));
+        growth.filter(|growth| *growth > 0.0).unwrap_or(WHOLE_LADDER.ln() / self.last().max(1) as f64)
+    }
+
+    /// Bytes of a Gaussian in a file.
+    fn each(&self, point: &Point) -> f64 {
+        (point.bytes as f64 - self.fixed).max(1.0) / point.gaussians.max(1) as f64
+    }
+
+    /// The number of Gaussians expected to fill the size at a rung, by a file at another one.
+    fn expected(&self, point: &Point, rung: usize, size: u64) -> f64 {
+        let each = self.each(point) * (self.growth(rung) * (rung as f64 - point.rung as f64)).exp();
+        SHARE * (size as f64 - self.fixed) / each
+    }
+
     /// A few more steps towards the size, if attempts are left.
     fn polish(&mut self, mut best: Point, size: u64) -> Result<Point, T::Error> {
         let wanted = CLOSE * size as f64;
         if self.left() == 0 || best.gaussians == self.whole || best.bytes as f64 > wanted {
             return Ok(best);
         }
-        let each = (best.bytes as f64 - self.fixed).max(1.0) / best.gaussians as f64;
-        let more = ((wanted - best.bytes as f64) / each) as usize;
+        let more = ((wanted - best.bytes as f64) / self.each(&best)) as usize;
         let (rung, gaussians) = if (best.bytes as f64) < LEAST_SHARE * size as f64 {
             // Files of few Gaussians grow by leaps: then finer settings of the same ones fill the rest.
             let gaussians = self.fill(best.rung, size, (best.gaussians + more) as f64)?.unwrap_or(best.gaussians);

@@ -113,7 +113,7 @@ impl Arguments {
         let mut watcher = Show::new(console);
         watcher.record(self.diagnostics.as_deref().map(Recorder::of_file));
         let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
-        let config = self.options.configuration(style, self.fine_tune)?;
+        let config = self.options.configuration(&self.model, style, self.fine_tune, console)?;
         let precision = self.sh_bits.map(Precision::Spz);
         let target = Target { precision, origin: loaded.origin, ..Target::new(&self.output) };
         let subject = || view::of_compression(&config, &input.model, &self.output, console);
@@ -144,7 +144,7 @@ impl Arguments {
         let device = global.open_with(self.memory_budget)?;
         let watcher = Show::new(console);
         let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
-        let config = self.options.configuration(style, 0)?;
+        let config = self.options.configuration(&self.model, style, 0, console)?;
         let input = Input { path: &self.model, model: loaded.gaussians, read_s: 0.0 };
         let plan = CurvePlan { formats, peer: peer.as_ref() };
         let record = curve(&session, input, &config, &plan)?;

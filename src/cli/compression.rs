@@ -8,7 +8,7 @@ use super::values::{self, Size};
 use crate::gaussians::formats::Loaded;
 use crate::job::config::PruneRule;
 use crate::job::records::Aim;
-use crate::job::{Error, Selection};
+use crate::job::{Error, Selection, earlier};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::place::place_read;
 use crate::pipeline::virtual_views::VirtualCameras;
@@ -57,15 +57,20 @@ pub(super) struct CompressArgs {
     /// Hold out every N-th photo for the scores; 0 holds out none [default: 8]
     #[arg(long, value_name = "N", help_heading = "Photos", requires = "scene", value_parser = values::whole::<usize>)]
     eval_every: Option<usize>,
+    /// Fit an exposure to each photo before scores and in fine-tuning, as runs with that effect do; without a value, on [default: as
+    /// config.toml beside the model says, else off]
+    #[arg(long, value_name = "on|off", help_heading = "Photos", requires = "scene", num_args = 0..=1, require_equals = true,
+        default_missing_value = "on", value_parser = values::switch(), ignore_case = true)]
+    exposure: Option<bool>,
     #[command(flatten)]
     rendering: style::Rendering,
-    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
+    /// Colour behind the Gaussians [default: white for photos with alpha, the colour of nearly all pixels at the photos' edges, or black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
 }
 
 /// A scene and the options that require one: clap drops a requirement where another option excludes what is required.
-const OF_PHOTOS: [&str; 5] = ["scene", "images", "resolution", "pole_mask", "eval_every"];
+const OF_PHOTOS: [&str; 6] = ["scene", "images", "resolution", "pole_mask", "eval_every", "exposure"];
 
 /// A preset of all options under "Compression".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -85,7 +90,7 @@ impl CompressArgs {
         {
             console.warn(format_args!("{} {doubt}", model.display()));
         }
-        let style = self.rendering.style(model, &loaded, None, console);
+        let style = self.rendering.style_beside(model, &loaded, console);
         let rule = self.rule(0)?;
         if let Some(note) = rule.detail_note(rule.keep, loaded.gaussians.len()) {
             console.note(note);
@@ -99,7 +104,7 @@ impl CompressArgs {
         let mut files =
             self.size.iter().filter_map(|size| if let Size::File(bytes) = size { Some(*bytes) } else { None });
         let aim = match (files.next(), files.next(), self.psnr) {
-            (Some(_), Some(_), _) => return Err(Error::Usage("give one --size of the file".to_owned())),
+            (Some(_), Some(_), _) => return Err(Error::Usage("give only one --size of the file".to_owned())),
             (Some(_), _, Some(_)) => {
                 return Err(Error::Usage("--size and --psnr exclude each other; give one of them".to_owned()));
             }
@@ -117,7 +122,7 @@ impl CompressArgs {
         let of = |size: &Size| if let Size::Pictures(w, h) = size { Some((*w, *h)) } else { None };
         let mut pictures = self.size.iter().filter_map(of);
         match (pictures.next(), pictures.next()) {
-            (_, Some(_)) => Err(Error::Usage("give one --size of pictures".to_owned())),
+            (_, Some(_)) => Err(Error::Usage("give only one --size of the pictures".to_owned())),
             (Some(_), _) if self.scene.is_some() => {
                 Err(Error::Usage("--size WxH applies to virtual cameras; for a scene use --resolution".to_owned()))
             }
@@ -136,8 +141,14 @@ impl CompressArgs {
         })
     }
 
-    /// The configuration of a compression in this style, with `fine_tune` iterations of training afterwards.
-    pub fn configuration(&self, style: Style, fine_tune: u32) -> Result<CompressConfig, Error> {
+    /// The configuration of a compression of the model in `path` in this style, with `fine_tune` iterations of training afterwards.
+    pub fn configuration(
+        &self,
+        path: &Path,
+        style: Style,
+        fine_tune: u32,
+        console: &Console,
+    ) -> Result<CompressConfig, Error> {
         let pictures = self.pictures()?;
         let default = VirtualCameras::default();
         let views = match &self.scene {
@@ -146,7 +157,7 @@ impl CompressArgs {
                 resolution: self.resolution.clone(),
                 pole_mask: self.pole_mask,
                 eval_every: self.eval_every.unwrap_or(EVAL_EVERY),
-                background: self.background,
+                background: self.background.or_else(|| background_beside(path)),
                 ..Selection::of(scene.clone())
             }),
             None => ViewSource::OwnPictures {
@@ -158,6 +169,22 @@ impl CompressArgs {
                 background: self.background.unwrap_or([0.0; 3]),
             },
         };
-        Ok(CompressConfig { compression: self.rule(fine_tune)?, views, style, fine_tune, seed: self.seed })
+        let exposure = self.scene.is_some() && self.exposure.unwrap_or_else(|| exposure_of_run(path, console));
+        Ok(CompressConfig { compression: self.rule(fine_tune)?, views, style, exposure, fine_tune, seed: self.seed })
     }
+}
+
+/// The background in the config.toml beside a model, if that names one.
+pub(super) fn background_beside(model: &Path) -> Option<[f32; 3]> {
+    earlier::of_model(model).ok().flatten()?.background
+}
+
+/// True if the run in whose folder the model lies has learnt an exposure of each photo; a note says so.
+pub(super) fn exposure_of_run(model: &Path, console: &Console) -> bool {
+    // The decision on the style has told of a file that cannot be read.
+    let learnt = earlier::of_model(model).ok().flatten().is_some_and(|run| run.exposure);
+    if learnt {
+        console.note("an exposure is fitted to each photo, as config.toml beside the model says");
+    }
+    learnt
 }

@@ -156,13 +156,13 @@ impl Arguments {
         };
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
-            "{} of {} in {} ({bytes} bytes{cost})",
+            "{}: {} from {}, {bytes} bytes{cost}",
+            self.output.display(),
             counted(
                 loaded.gaussians.len(),
                 if loaded.mode.antialiased() { "anti-aliased Gaussian" } else { "Gaussian" }
             ),
-            loaded.format,
-            self.output.display()
+            loaded.format
         ));
         Ok(())
     }
@@ -190,34 +190,30 @@ impl Arguments {
     /// Refuses options that the output does not read.
     fn check(&self, is_page: bool) -> Result<(), Error> {
         let for_pages = self.title.is_some() || self.background.is_some() || self.up.is_some() || self.scene.is_some();
-        if self.rendering.is_given() && !is_page {
-            let what =
-                "--antialias and --dilation apply only to pages here; `qirf-vk edit --antialias` sets a file's tag";
-            return Err(Error::Usage(what.into()));
-        }
-        if self.rendering.depth_order {
-            return Err(Error::Usage("--depth-order: pages have one order of depths for the whole picture".into()));
-        }
-        if for_pages && !is_page {
-            let what = "--title, --background, --up and --scene are for pages: name an .html file";
-            return Err(Error::Usage(what.into()));
-        }
-        if self.size.is_some() && !is_page {
-            let what = "--size applies only to pages here; for model files use `qirf-vk compress --size`";
-            return Err(Error::Usage(what.into()));
-        }
-        if self.spz_version.is_some() && !has_extension(&self.output, &["spz"]) {
-            return Err(Error::Usage("--spz-version applies only to SPZ: name an .spz file".into()));
-        }
-        if self.sh_bits.is_some() && !is_page && !has_extension(&self.output, &["spz"]) {
-            return Err(Error::Usage("--sh-bits applies only to SPZ, and to pages, which contain one".into()));
-        }
-        if self.lod.is_some() != formats::is_levels(&self.output) {
-            let what =
-                "--lod N writes streamed SOG, whose name is lod-meta.json: name one, such as garden/lod-meta.json";
-            return Err(Error::Usage(what.into()));
-        }
-        if is_page || self.lod.is_some() { Ok(()) } else { formats::check_output(&self.output).map_err(Error::writing) }
+        let is_spz = has_extension(&self.output, &["spz"]);
+        let why = if self.rendering.is_given() && !is_page {
+            "--antialias and --dilation apply only to pages here; `qirf-vk edit --antialias` sets a file's tag"
+        } else if self.rendering.depth_order {
+            "--depth-order: pages have one order of depths for the whole picture"
+        } else if for_pages && !is_page {
+            "--title, --background, --up and --scene are for pages: name an .html file"
+        } else if self.size.is_some() && !is_page {
+            "--size applies only to pages here; for model files use `qirf-vk compress --size`"
+        } else if self.spz_version.is_some() && !is_spz {
+            "--spz-version applies only to SPZ: name an .spz file"
+        } else if self.sh_bits.is_some() && !is_page && !is_spz {
+            "--sh-bits applies only to SPZ, and to pages, which contain one"
+        } else if self.lod.is_some() != formats::is_levels(&self.output) {
+            "--lod N writes streamed SOG, whose name is lod-meta.json: name one, such as garden/lod-meta.json"
+        } else if is_page || self.lod.is_some() {
+            return Ok(());
+        } else {
+            return formats::check_output(&self.output).map_err(|error| {
+                let pages = ", .html for a page, or lod-meta.json with --lod N";
+                Error::Usage(format!("{error}{pages}"))
+            });
+        };
+        Err(Error::Usage(why.to_owned()))
     }
 
     /// Writes the best page of at most this size.
@@ -234,7 +230,7 @@ impl Arguments {
         let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
         let record = compress_to(session, input, &config, Some(Aim::Bytes(size)), target)?;
         console.tell(remarks(&record));
-        console.note(format_args!("{} in {}", outcome(&record), self.output.display()));
+        console.note(format_args!("{}: {}", self.output.display(), outcome(&record)));
         Ok(())
     }
 
@@ -302,12 +298,12 @@ fn write_measured(
         Some(session) if !model.is_empty() => {
             let (packed, psnr) = cost::pack(session, model, style, target)?;
             console.tell(poor(target.path, psnr.unwrap_or(f64::INFINITY)));
-            let same = || "; pictures are equal".to_owned();
-            (packed, psnr.map_or_else(same, |psnr| format!("; {psnr:.1} dB against it")))
+            let same = || ", pictures are equal".to_owned();
+            (packed, psnr.map_or_else(same, |psnr| format!(", {psnr:.1} dB against the original")))
         }
         _ => {
             let packed = target.pack(model, loaded.mode, target.usual(model))?;
-            let unknown = "; its loss is not measured: there is no Vulkan device";
+            let unknown = ", loss not measured: there is no Vulkan device";
             (packed, if model.is_empty() { "" } else { unknown }.to_owned())
         }
     };
@@ -316,9 +312,11 @@ fn write_measured(
     Ok(cost)
 }
 
-/// Warns of Gaussians whose colours are cut off by the format of a model's file.
+/// Warns of Gaussians whose colours or sizes are cut off by the format of a model's file.
 pub(super) fn warn_of_clipped(path: &Path, model: &Gaussians, console: &Console) {
-    if let Some(warning) = formats::clip_warning(path, formats::clipped(path, model)) {
+    let colours = formats::clip_warning(path, formats::clipped(path, model));
+    let sizes = formats::size_warning(path, formats::outsized(path, model));
+    for warning in colours.into_iter().chain(sizes) {
         console.warn(warning);
     }
 }

@@ -126,7 +126,7 @@ impl Arguments {
 /// A row for each tuning that was measured.
 fn measured(tuned: &Tuned) -> String {
     let ratio = |ratio: Option<f64>| ratio.map(|r| format!("{r:.3}")).unwrap_or_default();
-    let mut text = "| tuning | ms an iteration | of the usual tuning | again |\n|---|---:|---:|---:|".to_owned();
+    let mut text = "| tuning | ms per iteration | of the usual tuning | again |\n|---|---:|---:|---:|".to_owned();
     for (k, tried) in tuned.tried.iter().enumerate() {
         let mark = if k == tuned.best { " *" } else { "" };
         let [first, again] = [tried.ratio, tried.again].map(ratio);
@@ -139,30 +139,14 @@ fn measured(tuned: &Tuned) -> String {
 }
 
 /// Statistics that matter for occupancy, by the names that drivers give them (RADV, ANV, NVIDIA).
-const SHOWN: [&str; 17] = [
-    "VGPRs",
-    "SGPRs",
-    "Register Count",
-    "Spilled VGPRs",
-    "Spilled SGPRs",
-    "Spill count",
-    "Fill count",
-    "Scratch size",
-    "Scratch Memory Size",
-    "Stack Size",
-    "LDS size",
-    "Shared Memory Size",
-    "Subgroups per SIMD",
-    "Instructions",
-    "Instruction Count",
-    "Code size",
-    "Binary Size",
-];
+const SHOWN: &str = "VGPRs, SGPRs, Register Count, Spilled VGPRs, Spilled SGPRs, Spill count, Fill count, \
+                     Scratch size, Scratch Memory Size, Stack Size, LDS size, Shared Memory Size, \
+                     Subgroups per SIMD, Instructions, Instruction Count, Code size, Binary Size";
 
 /// A row for each kernel, a column for each statistic of [`SHOWN`] that the driver tells.
 fn table(compiled: &[Compiled]) -> String {
-    let told = |name: &&&str| compiled.iter().any(|c| c.statistics.iter().any(|(n, _)| n == **name));
-    let shown: Vec<&str> = SHOWN.iter().filter(told).copied().collect();
+    let told = |name: &&str| compiled.iter().any(|c| c.statistics.iter().any(|(n, _)| n == *name));
+    let shown: Vec<&str> = SHOWN.split(", ").filter(told).collect();
     let head = ["kernel", "constants", "subgroup"].into_iter().chain(shown.iter().copied());
     let mut text =
         format!("| {} |\n|---|---|---:|{}", head.collect::<Vec<_>>().join(" | "), "---:|".repeat(shown.len()));
@@ -192,7 +176,7 @@ fn describe(info: &DeviceInfo, tuning: Option<String>) -> String {
     let address = if names.is_empty() { String::new() } else { format!("\n    address     {}", names.join(", ")) };
     let [low, high] = info.subgroup_range;
     format!(
-        "{mark}{} {} ({})\n    driver      {}, Vulkan {}{address}\n    memory      {}, {} a buffer, {} shared by a workgroup\n    \
+        "{mark}{} {} ({})\n    driver      {}, Vulkan {}{address}\n    memory      {}, {} per buffer, {} shared by a workgroup\n    \
          subgroups   {} ({low} to {high}), workgroups of {}\n    timestamps  {timestamps}\n    optional    {optional}{tuning}{hidden}{missing}",
         info.index,
         info.name,

@@ -1,5 +1,6 @@
 //! `qirf-vk eval MODEL SCENE`, `qirf-vk eval MODEL --against MODEL`.
 
+use super::compression::{background_beside, exposure_of_run};
 use super::console::Console;
 use super::inspect::read_model;
 use super::scratch::Scratch;
@@ -23,7 +24,9 @@ const EXAMPLES: &str = "Examples:
   qirf-vk eval model.spz --config trained/config.toml -o scores
   qirf-vk eval small.spz --against original.ply
 
-Photos are held out, scaled and scored as by `qirf-vk run`: a run's model.ply gets the run's scores.
+Photos are held out, scaled and scored as by `qirf-vk run`: a run's model.ply gets the run's scores. The style of \
+rendering is that of --config, else of the config.toml beside the model, and exposures of the photos are fitted if that has \
+exposure = true.
 With --against, the model is scored against pictures of its original, from the views that `qirf-vk compress` holds out. Where \
 both pictures are equal, PSNR is infinite, and the table shows `equal`.";
 
@@ -38,7 +41,7 @@ pub(super) struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Original of the model, before compression, whose pictures replace the photos
-    #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every", "pole_mask", "scratch"])]
+    #[arg(long, value_name = "MODEL", conflicts_with_all = ["scene", "config", "output", "images", "resolution", "eval_every", "pole_mask", "exposure", "scratch"])]
     against: Option<PathBuf>,
     /// Configuration of a run, its config.toml, which names scene, photos and rendering; options on the command line take
     /// precedence
@@ -46,7 +49,8 @@ pub(super) struct Arguments {
     config: Option<PathBuf>,
     #[command(flatten)]
     rendering: style::Rendering,
-    /// Colour behind the Gaussians [default: that of --config, else white for photos with alpha, else black]
+    /// Colour behind the Gaussians [default: that of --config, else white for photos with alpha, the
+    /// colour of nearly all pixels at the photos' edges, or black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
     /// Limit on device memory, such as 2G or 800M [default: the device's]
@@ -67,6 +71,11 @@ pub(super) struct Arguments {
     /// Hold out every N-th photo for the scores [default: that of --config, else 8]
     #[arg(long, value_name = "N", help_heading = "Photos", value_parser = values::whole::<usize>)]
     eval_every: Option<usize>,
+    /// Fit an exposure to each photo before scores, as runs with that effect do; without a value, on [default: as --config or the
+    /// config.toml beside the model says, else off]
+    #[arg(long, value_name = "on|off", help_heading = "Photos", num_args = 0..=1, require_equals = true,
+        default_missing_value = "on", value_parser = values::switch(), ignore_case = true)]
+    exposure: Option<bool>,
     /// LPIPS weights: a file, or a folder of them, as the script lpips-weights writes them [default: $QIRF_LPIPS, else the
     /// folder qirf-vk in the user's data folder]
     #[arg(long, value_name = "PATH", help_heading = "Photos")]
@@ -139,8 +148,12 @@ impl Arguments {
 
     fn evaluation(&self, model: &Loaded, console: &Console) -> Result<Evaluation, Error> {
         let file = self.config.as_deref().map(RunConfig::read).transpose()?;
-        let style = self.rendering.style(&self.model, model, file.as_ref().map(|c| c.style), console);
-        let exposure = file.as_ref().is_some_and(|c| c.exposure);
+        let style = match &file {
+            Some(config) => self.rendering.style(&self.model, model, Some(config.style), console),
+            None => self.rendering.style_beside(&self.model, model, console),
+        };
+        let of_run = || file.as_ref().map_or_else(|| exposure_of_run(&self.model, console), |config| config.exposure);
+        let exposure = self.exposure.unwrap_or_else(of_run);
         let base = file.map_or_else(|| Selection::of(PathBuf::new()), |c| c.selection());
         let selection = Selection {
             // The configuration's photo folder does not apply to a scene given as an argument.
@@ -150,7 +163,7 @@ impl Arguments {
             depth: None,
             pole_mask: self.pole_mask.unwrap_or(base.pole_mask),
             eval_every: self.eval_every.unwrap_or(base.eval_every),
-            background: self.background.or(base.background),
+            background: self.background.or(base.background).or_else(|| background_beside(&self.model)),
             ..base
         };
         Ok(Evaluation { selection, style, exposure })

@@ -2,6 +2,8 @@
 //! the second one ends the program. Commands without steps are ended by the first one.
 
 #[cfg(not(windows))]
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+#[cfg(not(windows))]
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -28,12 +30,12 @@ impl Watch {
 #[cfg(not(windows))]
 static UNWATCHED: LazyLock<Arc<AtomicBool>> = LazyLock::new(|| Arc::new(AtomicBool::new(true)));
 
-/// Until a watch begins, Ctrl-C and SIGTERM end the program with the exit code of an interruption, unless they were ignored at its
-/// start.
+/// Until a watch begins, Ctrl-C, SIGTERM and the closing of the terminal end the program with the exit code of an interruption, unless
+/// they were ignored at its start. Where the system does not tell that, SIGHUP is left alone: under nohup it is ignored.
 pub(super) fn end_at_once() {
     #[cfg(not(windows))]
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        if is_ignored(signal) != Some(true) {
+    for (signal, where_unknown) in [(SIGINT, true), (SIGTERM, true), (SIGHUP, false)] {
+        if is_ignored(signal).map_or(where_unknown, |ignored| !ignored) {
             let _ = signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&UNWATCHED));
         }
     }
@@ -41,7 +43,6 @@ pub(super) fn end_at_once() {
 
 #[cfg(not(windows))]
 fn watched() -> Arc<AtomicBool> {
-    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     use signal_hook::flag;
     let asked = Arc::new(AtomicBool::new(false));
     // In this order, the first Ctrl-C finds the flag unset and sets it, the second finds it set.

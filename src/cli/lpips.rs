@@ -10,7 +10,7 @@ pub(super) fn tell_of_missing(networks: &Networks, console: &Console) {
     let python = if cfg!(windows) { "python " } else { "" };
     match lpips_weights() {
         Some(script) => console.note(format_args!("{note}: run {python}{} once", script.display())),
-        None => console.note(format_args!("{note}: run tools/lpips-weights of qirf-vk's sources once")),
+        None => console.note(format_args!("{note}: run tools/lpips-weights, a script in qirf-vk's source tree, once")),
     }
 }
 

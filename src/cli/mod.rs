@@ -35,11 +35,12 @@ mod view;
 mod viewer;
 
 use crate::gpu::{self, Device, DeviceOptions, Milliseconds, TuningChoice};
+use crate::job::output::check_file;
 use crate::job::{Error, Exit};
 use clap::{ArgAction, Args, ColorChoice, CommandFactory, FromArgMatches, Parser, Subcommand};
 use console::{Colour, Console};
 use lpips::tell_of_missing;
-use outputs::{check_file, check_folder, check_model, check_no_run, holds_run};
+use outputs::{check_folder, check_model, check_no_run, holds_run};
 use std::io::{self, IsTerminal};
 use std::process::ExitCode;
 use tracing_subscriber::filter::LevelFilter;
@@ -236,6 +237,10 @@ impl Cli {
                 Some("what was finished is kept: continue with --resume".to_owned())
             }
             (Error::Interrupted, Command::Eval(_)) => Some("no figures were written".to_owned()),
+            (Error::Interrupted, Command::Render(render)) if render.is_one_file() => {
+                Some("no file was written".to_owned())
+            }
+            (Error::Interrupted, Command::Sweep(sweep)) => Some(sweep.kept()),
             (Error::Interrupted, _) => Some("what was finished is kept".to_owned()),
             (Error::Device(gpu::Error::TooLarge { .. }), Command::Compress(_)) => {
                 Some("use fewer Gaussians or a smaller image, or --selector pairs, which has room for more".to_owned())
@@ -336,6 +341,19 @@ mod tests {
         let mut there: Vec<_> = Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect();
         there.sort_unstable();
         assert_eq!(listed, there);
+    }
+
+    #[test]
+    fn an_interrupted_command_says_what_is_kept() {
+        for (line, kept) in [
+            ("render m.ply --orbit 2 -o a", "what was finished is kept"),
+            ("render m.ply --path orbit -o a.mp4", "no file was written"),
+            ("render m.ply --panorama -o a.png", "no file was written"),
+            ("sweep m.ply -o a", "no axis was measured"),
+        ] {
+            let cli = Cli::try_parse_from(["qirf-vk"].into_iter().chain(line.split(' '))).unwrap();
+            assert_eq!(cli.remedy(&Error::Interrupted).as_deref(), Some(kept), "{line}");
+        }
     }
 
     /// Clap wraps paragraphs to the terminal; lines broken by hand end up ragged.

@@ -1,15 +1,18 @@
 //! Checks of outputs before any work: a run's files stay whole.
 
-use super::inspect::is_run;
 use crate::extension::has_extension;
 use crate::gaussians::formats;
 use crate::job::Error;
+use crate::job::earlier::spare_model;
 use std::path::Path;
 
-/// Refuses a file where a folder for results is wanted.
+/// Refuses a file, or standard output, where a folder for results is wanted.
 pub(super) fn check_folder(output: &Path) -> Result<(), Error> {
+    if output == Path::new("-") {
+        return Err(Error::Usage("-: results are files in a folder, not standard output; name a folder".to_owned()));
+    }
     if output.exists() && !output.is_dir() {
-        return Err(Error::Usage(format!("-o {} is a file; name a folder", output.display())));
+        return Err(Error::Usage(format!("{} is a file; name a folder", output.display())));
     }
     Ok(())
 }
@@ -30,26 +33,12 @@ pub(super) fn holds_run(output: &Path) -> Error {
 
 /// Refuses the name of a file that is no model's, and the model of a run, which its figures describe.
 pub(super) fn check_model(output: &Path) -> Result<(), Error> {
-    let folder = output.parent().unwrap_or(Path::new(""));
-    if output.file_name().is_some_and(|name| name == "model.ply" || name == "model.sog") && is_run(folder) {
-        return Err(Error::Usage(format!(
-            "{} is a run's model, which the figures beside it describe; name another file",
-            output.display()
-        )));
-    }
+    spare_model(output)?;
     if formats::is_levels(output) || has_extension(output, &["html"]) {
         let what = "pages and levels of detail are written by `qirf-vk convert`; write a model, and convert that";
         return Err(Error::Usage(format!("{}: {what}", output.display())));
     }
     formats::check_output(output).map_err(Error::writing)
-}
-
-/// Refuses a folder where a file is to be written, and a file that cannot be written there.
-pub(super) fn check_file(output: &Path) -> Result<(), Error> {
-    if output.is_dir() {
-        return Err(Error::Usage(format!("{} is a folder; name a file", output.display())));
-    }
-    formats::check_place(output).map_err(Error::writing)
 }
 
 /// Refuses the folder of a comparison, whose checkpoint is no run's.

@@ -1,12 +1,14 @@
 //! `qirf-vk shard plan`: the tasks of a compression, or of a run in blocks.
 
-use super::Global;
 use super::choices::Choices;
 use super::compression::CompressArgs;
 use super::console::Console;
+use super::remedy::quoted;
 use super::show::Show;
 use super::training::Training;
 use super::values;
+use super::{Global, check_folder};
+use crate::extension::has_extension;
 use crate::gaussians::formats;
 use crate::gpu::Device;
 use crate::job::{Error, Session, host_bytes};
@@ -16,7 +18,7 @@ use crate::shard::blocks::BlockRun;
 use crate::shard::{CompressPlan, Job, Plan, Shard};
 use crate::wording::counted;
 use clap::Arg;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Planned {
@@ -28,7 +30,7 @@ pub(super) enum Planned {
 
 // A plan has no aim for the file.
 #[derive(Debug, clap::Args)]
-#[command(mut_arg("psnr", |arg| arg.hide(true)), mut_arg("size", of_pictures))]
+#[command(mut_arg("psnr", |arg| arg.hide(true)), mut_arg("size", of_pictures), mut_arg("name", of_one_precision))]
 pub(super) struct OfModel {
     /// Model: a .ply, .spz, .splat, .ksplat, .sog, .glb, .gltf, .usda or .usdz file, or a SOG folder
     model: PathBuf,
@@ -62,6 +64,11 @@ pub(super) struct OfScene {
 fn of_pictures(size: Arg) -> Arg {
     let size = size.value_name("WxH").help_heading("Without photos");
     size.help("Picture size of virtual cameras [default: 400x400]")
+}
+
+/// `--name` of a compressed model.
+fn of_one_precision(name: Arg) -> Arg {
+    name.help("Name of the model's file in that folder: .ply or .compressed.ply")
 }
 
 /// `--schedule` of a run in blocks.
@@ -98,11 +105,11 @@ impl Planned {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         match self {
             Self::Compress(a) => {
-                formats::refuse_overwrite(&a.model, &a.place.model()?).map_err(Error::writing)?;
+                formats::refuse_overwrite(&a.model, &a.output()?).map_err(Error::writing)?;
                 a.place.plan(console, global, |session| a.job(session, console))
             }
             Self::Run(a) => {
-                a.place.model()?;
+                a.place.model(&["ply", "spz"])?;
                 a.place.plan(console, global, |session| a.job(session, console))
             }
         }
@@ -110,13 +117,25 @@ impl Planned {
 }
 
 impl OfModel {
+    /// The path of the compressed model. Tasks compare no pictures, by which `compress` chooses the precision of some formats.
+    fn output(&self) -> Result<PathBuf, Error> {
+        if formats::ladder(Path::new(&self.place.name), 0).steps.len() > 1 {
+            return Err(Error::Usage(format!(
+                "--name {}: `qirf-vk compress` chooses the precision of this format by pictures, and a divided compression compares \
+                 none; name a .ply file, and pack it with `qirf-vk convert`",
+                self.place.name
+            )));
+        }
+        self.place.model(&["ply"])
+    }
+
     fn job(&self, session: &Session<'_>, console: &Console) -> Result<Job, Error> {
         let (loaded, style) = self.options.read(&self.model, console)?;
         if self.options.aim()?.is_some() {
             let what = "--size of a file and --psnr are for `qirf-vk compress`; a plan has --keep or --target-count";
             return Err(Error::Usage(what.to_owned()));
         }
-        let config = self.options.configuration(style, 0)?;
+        let config = self.options.configuration(&self.model, style, 0, console)?;
         let job = CompressPlan::plan(session, &self.model, &loaded.gaussians, loaded.origin, config)?;
         Ok(Job::Compression(Box::new(job)))
     }
@@ -135,10 +154,12 @@ impl OfScene {
 }
 
 impl Place {
-    fn model(&self) -> Result<PathBuf, Error> {
+    /// The path of the model, whose name has one of these extensions.
+    fn model(&self, extensions: &[&str]) -> Result<PathBuf, Error> {
         let model = self.output.join(&self.name);
-        if self.name.contains(['/', '\\']) || model.extension().is_none_or(|e| e != "ply" && e != "spz") {
-            return Err(Error::Usage(format!("'{}' is not the name of a .ply or .spz file", self.name)));
+        if self.name.contains(['/', '\\']) || !has_extension(&model, extensions) {
+            let known = extensions.join(" or .");
+            return Err(Error::Usage(format!("'{}' is not the name of a .{known} file", self.name)));
         }
         Ok(model)
     }
@@ -150,11 +171,12 @@ impl Place {
         global: &Global,
         job: impl FnOnce(&Session<'_>) -> Result<Job, Error>,
     ) -> Result<(), Error> {
+        check_folder(&self.output)?;
         let device = global.open_with(self.memory_budget)?;
         let job = session(&device, self.memory_budget, console, job)?;
         let shard = Shard::create(&Plan::new(job, &self.name, selftest::fingerprint(&device)?), &self.output)?;
-        let (tasks, folder) = (shard.tasks().len(), self.output.display());
-        console.print(format_args!("{} in {folder}", counted(tasks, "task")))?;
+        console.print(format_args!("{} in {}", counted(shard.tasks().len(), "task"), self.output.display()))?;
+        let folder = quoted(&self.output);
         console.note(format_args!("next: qirf-vk shard all {folder}, or snakemake -d {folder} --cores 2"));
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! `qirf-vk pose INPUT`, and its options, which `run` shares.
 
+use super::check_folder;
 use super::console::Console;
 use super::remedy::quoted;
 use super::show::Show;
@@ -77,6 +78,7 @@ impl Posing {
 
 impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
+        check_folder(&self.output)?;
         let input = self.input()?;
         if Scene::find(&self.input, &OpenOptions::default()).is_ok() {
             let shown = quoted(&self.input);

@@ -17,7 +17,7 @@ use crate::pipeline::film::film;
 use crate::pipeline::panorama::{self, Panorama};
 use crate::pipeline::place::{origin_of_cameras, place_read};
 use crate::pipeline::prepare::refuse_photo_folders;
-use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, render, scene_shots};
+use crate::pipeline::render::{Orbit, RenderConfig, Shot, frames, leftovers, render, scene_shots};
 use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Look, UP};
 use crate::scene::{OpenOptions, Resize, Scene, near_at, walk};
@@ -129,7 +129,7 @@ impl Arguments {
         {
             console.warn(format_args!("{} {doubt}", self.model.display()));
         }
-        let settings = self.rendering.style(&self.model, &loaded, None, console).over(self.background);
+        let settings = self.rendering.style_beside(&self.model, &loaded, console).over(self.background);
         let (model, origin) = (loaded.gaussians, loaded.origin);
         let mut config =
             RenderConfig { settings, format: self.format()?, transparent: self.transparent, depth: self.depth };
@@ -157,14 +157,22 @@ impl Arguments {
         let (networks, watcher) = (Networks::default(), Show::new(console));
         let session = Session { watcher: &watcher, ..Session::new(&device, &networks) };
         let (drawn, times) = match work {
-            Work::Shots(shots) => (shots.len(), render(&session, model, &shots, &config)?),
+            Work::Shots(shots) => {
+                let times = render(&session, model, &shots, &config)?;
+                // Pictures of a scene have its photos' names.
+                if self.scene.is_none() || self.path.is_some() {
+                    self.tell_of_leftovers(&shots, console);
+                }
+                (shots.len(), times)
+            }
             Work::Film(cameras, fps) => (cameras.len(), film(&session, model, cameras, &config, fps, &self.output)?),
             Work::Panorama(panorama) => (6, panorama::draw(&session, &model, &panorama, &config, &self.output)?),
         };
         if self.depth {
             let step = depth::unit(config.settings.near);
             console.note(format_args!(
-                "16-bit depths are in units of {step} world units; 0 means no depth, 65535 this depth or more"
+                "16-bit depths count steps of {step} world units; 0 means no depth, and 65535 means {:.3} units or more",
+                f64::from(u16::MAX) * step
             ));
         }
         console.note(format_args!(
@@ -180,66 +188,66 @@ impl Arguments {
 
     /// Refuses what does not go together, before any work.
     fn check(&self) -> Result<(), Error> {
-        let refuse = |what: &str| Err(Error::Usage(what.to_owned()));
-        if self.frames.is_some() && self.path.is_none() {
-            return refuse("--frames needs --path");
-        }
-        if self.at.is_some() && !self.panorama {
-            return refuse("--at needs --panorama");
-        }
-        if self.fps.is_some() && !self.is_film() {
-            return refuse("--fps applies to films: name an .mp4 file with -o");
-        }
+        let (film, scene) = (self.is_film(), self.scene.is_some());
         let capture = self.path.as_deref() == Some(Path::new("capture"));
-        if capture && self.scene.is_none() {
-            return refuse("--path capture follows the cameras of a scene: add --scene SCENE");
-        }
-        if self.scene.is_some() && self.path.is_some() && !capture {
-            return refuse("--scene needs --path capture, or no --path");
-        }
-        if self.scene.is_some() && !self.panorama && (self.size.is_some() || self.up.is_some()) {
-            return refuse("--size and --up do not apply to a scene's cameras; use --resolution");
-        }
-        if self.elevation.is_some() && self.path.as_deref().is_some_and(|path| path != "orbit") {
-            return refuse("--elevation applies to orbits; the file of a path has its cameras' positions");
-        }
-        if self.panorama && self.size.is_some_and(|(width, height)| width != 2 * height) {
-            return refuse("--size: a panorama is twice as wide as high, such as 4096x2048");
-        }
-        if self.depth && (self.is_film() || self.panorama) {
-            return refuse("--depth works with pictures, not with films or panoramas");
-        }
-        if self.is_film() {
-            return if self.path.is_none() {
-                refuse("a film needs --path")
-            } else if self.format == Format::Npy || self.transparent {
-                refuse("a film cannot be written with --transparent or --format npy")
-            } else {
-                Ok(())
-            };
-        }
-        if self.panorama {
-            return if self.output.is_dir() {
-                refuse("-o names the panorama's file, such as around.png")
-            } else {
-                Ok(())
-            };
-        }
-        if has_extension(&self.output, &FILES) {
-            let output = self.output.display();
-            return refuse(&format!(
-                "-o {output}: films are .mp4 files, and pictures go to a folder; name one of these"
-            ));
-        }
-        check_no_run(&self.output)?;
-        if self.transparent && self.format == Format::Npy {
-            return refuse("--transparent applies only to PNG; npy files always contain alpha");
-        }
-        Ok(())
+        let why = if self.frames.is_some() && self.path.is_none() {
+            "--frames needs --path"
+        } else if self.at.is_some() && !self.panorama {
+            "--at needs --panorama"
+        } else if self.fps.is_some() && !film {
+            "--fps applies to films: name an .mp4 file with -o"
+        } else if capture && !scene {
+            "--path capture follows the cameras of a scene: add --scene SCENE"
+        } else if scene && self.path.is_some() && !capture {
+            "--scene needs --path capture, or no --path"
+        } else if scene && !self.panorama && (self.size.is_some() || self.up.is_some()) {
+            "--size and --up do not apply to a scene's cameras; use --resolution"
+        } else if self.elevation.is_some() && self.path.as_deref().is_some_and(|path| path != "orbit") {
+            "--elevation applies to orbits; the file of a path has its cameras' positions"
+        } else if self.panorama && self.size.is_some_and(|(width, height)| width != 2 * height) {
+            "--size: a panorama is twice as wide as high, such as 4096x2048"
+        } else if self.depth && (film || self.panorama) {
+            "--depth works with pictures, not with films or panoramas"
+        } else if film && self.path.is_none() {
+            "a film needs --path"
+        } else if film && (self.format == Format::Npy || self.transparent) {
+            "a film cannot be written with --transparent or --format npy"
+        } else if self.panorama && self.output.is_dir() {
+            "-o names the panorama's file, such as around.png"
+        } else if film || self.panorama {
+            return Ok(());
+        } else if has_extension(&self.output, &FILES) {
+            let why = "films are .mp4 files, and pictures go to a folder; name one of these";
+            return Err(Error::Usage(format!("-o {}: {why}", self.output.display())));
+        } else {
+            check_no_run(&self.output)?;
+            if !self.transparent || self.format != Format::Npy {
+                return Ok(());
+            }
+            "--transparent applies only to PNG; npy files always contain alpha"
+        };
+        Err(Error::Usage(why.to_owned()))
+    }
+
+    /// True if all pictures make one file.
+    pub(super) fn is_one_file(&self) -> bool {
+        self.panorama || self.is_film()
     }
 
     fn is_film(&self) -> bool {
         !self.panorama && has_extension(&self.output, &["mp4"])
+    }
+
+    /// Says which pictures of an earlier, longer path or orbit are still in the folder.
+    fn tell_of_leftovers(&self, shots: &[Shot], console: &Console) {
+        let left = leftovers(&self.output, shots);
+        if let Some(first) = left.first() {
+            console.note(format_args!(
+                "{} also has {} of an earlier path or orbit, from {first} on; remove them before you make a film of the folder",
+                self.output.display(),
+                counted(left.len(), "picture")
+            ));
+        }
     }
 
     /// The format of pictures; a panorama's file may name it.

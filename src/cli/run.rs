@@ -20,7 +20,6 @@ use crate::pipeline::compress::remarks::remarks;
 use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to};
 use crate::pipeline::run;
 use crate::pose::{is_video, pose};
-use crate::render::Style;
 use crate::report;
 use crate::scene::{self, OpenOptions, Scene};
 use crate::wording::{counted, file_size};
@@ -155,16 +154,16 @@ impl Arguments {
             .watched
             .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
         // The run has decided on effects.
-        let style = RunConfig::read(&output.config())?.style;
+        let decided = RunConfig::read(&output.config())?;
         if !self.no_report {
             let title = self.output.file_name().unwrap_or_default().to_string_lossy();
-            let drawn = style.over(record.protocol.background);
+            let drawn = decided.style.over(record.protocol.background);
             let viewer = || viewer::of_run(&session, &output.model(), &title, drawn, &config.selection());
             let viewer = self.with_model.then(viewer).transpose()?;
             report::write(&record, &output, viewer.as_deref())?;
         }
         tell_of_missing(&networks, console);
-        let packed = self.size.map(|size| pack(&session, (&config, style), (&output, size), console)).transpose()?;
+        let packed = self.size.map(|size| pack(&session, [&config, &decided], (&output, size), console)).transpose()?;
         output.complete();
         watcher.printed()?;
         self.report(console, &record, (packed.as_ref(), &output))
@@ -249,9 +248,9 @@ impl Arguments {
         if let Some(size) = missing {
             let (networks, watcher) = (self.resources.networks()?, Silent);
             let device = self.resources.device(global)?;
-            let style = RunConfig::read(&output.config())?.style;
+            let decided = RunConfig::read(&output.config())?;
             let session = self.resources.session((&device, &networks), &watcher);
-            let packed = pack(&session, (config, style), (output, size), console)?;
+            let packed = pack(&session, [config, &decided], (output, size), console)?;
             console.tell(remarks(&packed));
             console.note(format_args!("packed {}", outcome(&packed)));
         }
@@ -310,7 +309,7 @@ impl Arguments {
         }
         console.print(format_args!("train  PSNR {}", score(record.train.psnr, " dB")))?;
         console.print(format_args!(
-            "model  {}, {:.1} MB, {:.0} frames a second",
+            "model  {}, {:.1} MB, {:.0} frames per second",
             counted(record.gaussians.last, "Gaussian"),
             record.model_bytes as f64 / 1e6,
             record.frames_per_second.unwrap_or(0.0),
@@ -345,10 +344,10 @@ struct Figures<'a> {
     packed: Option<&'a CompressRecord>,
 }
 
-/// Packs the trained model into a file of at most this many bytes, compared by the run's photos and drawn in this style.
+/// Packs the trained model into a file of at most this many bytes, compared by the run's photos, and drawn as the run has `decided`.
 fn pack(
     session: &Session<'_>,
-    (config, style): (&RunConfig, Style),
+    [config, decided]: [&RunConfig; 2],
     (output, size): (&Output, u64),
     console: &Console,
 ) -> Result<CompressRecord, Error> {
@@ -358,7 +357,8 @@ fn pack(
     let path = output.model();
     let loaded = formats::read(&path)?;
     let views = ViewSource::Photos(config.selection());
-    let config = CompressConfig { views, style, ..CompressConfig::default() };
+    let RunConfig { style, exposure, .. } = *decided;
+    let config = CompressConfig { views, style, exposure, ..CompressConfig::default() };
     let input = Input { path: &path, model: loaded.gaussians, read_s: 0.0 };
     let packed = output.packed();
     let target = Target { origin: loaded.origin, ..Target::new(&packed) };

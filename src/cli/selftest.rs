@@ -35,7 +35,7 @@ impl Arguments {
         let begun = Instant::now();
         if !self.json {
             console.print(format_args!("{} ({})", info.name, info.driver))?;
-            console.print(format_args!("{:<11} {:<44} {:>9} {:>9}", "room", "check", "seen", "allowed"))?;
+            console.print(format_args!("{:<13} {:<44} {:>9} {:>9}", "room", "check", "seen", "allowed"))?;
         }
         let mut handles = vec![device.clone()];
         if info.kind == DeviceKind::Cpu && thread::available_parallelism().is_ok_and(|n| n.get() > 1) {
@@ -123,7 +123,7 @@ fn row(console: &Console, check: &Check) -> String {
     };
     let verdict = console.paint(code, word, Console::stdout_is_terminal());
     let problem = check.problem.as_ref().map(|p| format!("  {p}")).unwrap_or_default();
-    format!("{:<11} {:<44} {seen:>9} {:>9}  {verdict}{problem}", check.room, check.name, number(check.allowed))
+    format!("{:<13} {:<44} {seen:>9} {:>9}  {verdict}{problem}", check.room, check.name, number(check.allowed))
 }
 
 #[cfg(test)]

@@ -148,7 +148,7 @@ impl StatusArguments {
             let named: Vec<String> =
                 states.iter().filter(|(_, s)| name(s) == wanted).map(|(task, _)| task.to_string()).collect();
             let shown = if wanted == "done" { String::new() } else { named.join(" ") };
-            console.print(format_args!("{wanted:<9} {:>5}  {shown}", named.len()))?;
+            console.print(format!("{wanted:<9} {:>5}  {shown}", named.len()).trim_end())?;
         }
         for (_, state) in &states {
             if let State::Damaged(what) = state {
@@ -181,9 +181,8 @@ impl VerifyArguments {
                 return Err(Error::Part { path: self.work.folder.clone(), what, task: VERIFY.to_owned() });
             }
             console.print(format_args!(
-                "{} of {} repeated: the same bytes (report is not repeated: its file names the device)",
-                counted(number, "task"),
-                done.len()
+                "{number} of {} repeated: the bytes are the same (report is not repeated: its file names the device)",
+                counted(done.len(), "task")
             ))
         })
     }

@@ -3,6 +3,7 @@
 use super::console::Console;
 use super::values;
 use crate::gaussians::formats::{Loaded, RenderMode};
+use crate::job::earlier;
 use crate::render::Style;
 use clap::Args;
 use std::path::Path;
@@ -64,5 +65,30 @@ impl Rendering {
             ));
         }
         chosen
+    }
+
+    /// As [`Self::style`], with the style of the run in whose folder the model lies, if that is a run's; a note says what is the
+    /// run's.
+    pub fn style_beside(&self, path: &Path, model: &Loaded, console: &Console) -> Style {
+        let run = match earlier::of_model(path) {
+            // The file's own tag says whether it is anti-aliased: the model may have been edited.
+            Ok(run) => run.map(|run| Style { antialias: false, ..run.style }),
+            Err(error) => {
+                console.warn(format_args!("{error}; the style of rendering and exposures are not taken from it"));
+                None
+            }
+        };
+        let given = run.unwrap_or_default();
+        let mut taken = Vec::new();
+        if let Some(dilation) = given.dilation.filter(|_| self.dilation.is_none()) {
+            taken.push(format!("--dilation {dilation}"));
+        }
+        if given.depth_order && !self.depth_order {
+            taken.push("--depth-order".to_owned());
+        }
+        if !taken.is_empty() {
+            console.note(format_args!("drawn with {}, as config.toml beside the model says", taken.join(" ")));
+        }
+        self.style(path, model, run, console)
     }
 }

@@ -16,6 +16,7 @@ use crate::metrics::Networks;
 use crate::pipeline::virtual_views::VirtualCameras;
 use crate::scene::orbit::UP;
 use glam::DVec3;
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -68,6 +69,9 @@ pub(super) struct Arguments {
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
+    // True as soon as the folder has figures of this sweep.
+    #[arg(skip)]
+    measured: Cell<bool>,
 }
 
 /// A sweep in progress.
@@ -75,6 +79,7 @@ struct Progress<'a> {
     swept: SweepRecord,
     asked: &'a [Asked],
     folder: &'a Path,
+    measured: &'a Cell<bool>,
     begun: Instant,
 }
 
@@ -86,11 +91,23 @@ impl Progress<'_> {
         self.swept.axes.push(axis);
         self.swept.axes.sort_by_key(place);
         self.swept.seconds = self.begun.elapsed().as_secs_f64();
-        sweep::write(&self.swept, self.folder)
+        sweep::write(&self.swept, self.folder)?;
+        self.measured.set(true);
+        Ok(())
     }
 }
 
 impl Arguments {
+    /// What an interruption leaves.
+    pub fn kept(&self) -> String {
+        if self.measured.get() {
+            let figures = self.output.join("sweep.json");
+            format!("{} has the axes measured so far; the same command measures all of them again", figures.display())
+        } else {
+            "no axis was measured".to_owned()
+        }
+    }
+
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let begun = Instant::now();
         let asked = if self.axis.is_empty() { Asked::light() } else { self.axis.clone() };
@@ -117,8 +134,6 @@ impl Arguments {
         check_no_run(&self.output)?;
         let _claimed = Output::claim(&self.output)?;
         check_file(&self.output.join("sweep.json"))?;
-        // Those of an earlier sweep, which this one's axes replace.
-        sweep::FIGURES.remove(&self.output);
         let device = self.resources.device(global)?;
         let watcher = Show::new(console);
         let networks = Networks::default();
@@ -132,7 +147,7 @@ impl Arguments {
             axes: Vec::new(),
             seconds: 0.0,
         };
-        let mut progress = Progress { swept, asked: &asked, folder: &self.output, begun };
+        let mut progress = Progress { swept, asked: &asked, folder: &self.output, measured: &self.measured, begun };
         self.light(&session, console, &mut progress)?;
         if asked.iter().any(|a| a.axis.heavy()) {
             let networks = self.resources.networks()?;
@@ -200,7 +215,8 @@ impl Arguments {
             console.print(format_args!("{}: {} ({})", axis.name, axis.accuracy, axis.time))?;
             for r in &record.rungs {
                 let time = r.time.map_or_else(|| "-".to_owned(), |t| figure(t.median));
-                console.print(format_args!("  {:<22} {:>10} {:>10}  {}", r.name, record.shown(r), time, r.mark()))?;
+                let row = format!("  {:<22} {:>10} {:>10}  {}", r.name, record.shown(r), time, r.mark());
+                console.print(row.trim_end())?;
             }
         }
         console.print(format_args!("report {}", self.output.join("sweep.html").display()))

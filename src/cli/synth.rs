@@ -1,5 +1,6 @@
 //! `qirf-vk synth DIR`.
 
+use super::check_folder;
 use super::console::Console;
 use super::values;
 use crate::job::Error;
@@ -49,6 +50,7 @@ pub(super) struct Arguments {
 
 impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
+        check_folder(&self.dir)?;
         let usual = if self.kind == Kind::Panorama { (512, 256) } else { (240, 180) };
         let (width, height) = self.size.unwrap_or(usual);
         let points = if self.kind == Kind::Dots { 400 } else { SynthOptions::default().points };

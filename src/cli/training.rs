@@ -11,7 +11,6 @@ use crate::job::config::ranges::{MOST_GAUSSIANS, MOST_ITERATIONS};
 use crate::job::{Error, Init, Preset, RunConfig};
 use crate::render::Style;
 use crate::scene::EVAL_EVERY;
-use crate::train::growth::Growth;
 use crate::train::schedule::Schedule;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -60,7 +59,7 @@ pub(super) struct Training {
     // Its help lists the effects.
     #[arg(long, value_name = "NAME=on|off|auto", value_parser = Overrides::parse, help = effects(), help_heading = "Effects")]
     effect: Vec<(Effect, Choice)>,
-    /// Colour behind the Gaussians [default: white for photos with alpha, else black]
+    /// Colour behind the Gaussians [default: white for photos with alpha, the colour of nearly all pixels at the photos' edges, or black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
     pub background: Option<[f32; 3]>,
     /// Iterations between checkpoints; with 0, only Ctrl-C writes one
@@ -173,13 +172,7 @@ impl Training {
 
     fn schedule(&self) -> Schedule {
         let preset = self.preset.schedule(self.iterations);
-        let growth = match self.grow_to {
-            None => preset.growth,
-            Some(GrowTo::Thresholds) => None,
-            Some(GrowTo::Auto) => Some(Growth::default()),
-            Some(GrowTo::Number(n)) => Some(Growth { gaussians: Some(n as usize), ..Growth::default() }),
-        };
-        Schedule { growth, ..preset }
+        Schedule { growth: self.grow_to.map_or(preset.growth, |asked| asked.0), ..preset }
     }
 
     fn overrides(&self) -> Result<Overrides, Error> {

@@ -6,6 +6,7 @@ use crate::qirf::partition::Partition;
 use crate::render::Style;
 use crate::scene::Resize;
 use crate::scene::orbit::UP;
+use crate::train::growth::Growth;
 use crate::wording::{file_size, unknown};
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, TypedValueParser};
@@ -106,27 +107,19 @@ pub(super) fn psnr(text: &str) -> Result<f64, String> {
     number(text, |v| (5.0..=100.0).contains(v), "write a PSNR in dB from 5 to 100, such as 35")
 }
 
-/// The number of Gaussians that a run grows to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum GrowTo {
-    /// On a plan, by the photos' pixels and the iterations.
-    Auto,
-    /// On a plan, to this number.
-    Number(u32),
-    /// Growth by the thresholds of gradients.
-    Thresholds,
-}
+/// Growth as it was asked for: to a planned number, or, if none, by the thresholds of gradients.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct GrowTo(pub Option<Growth>);
 
 /// `auto`, `thresholds` or a number of Gaussians.
 pub(super) fn growth(text: &str) -> Result<GrowTo, String> {
-    match text {
-        "auto" => Ok(GrowTo::Auto),
-        "thresholds" => Ok(GrowTo::Thresholds),
-        _ => {
-            let form = format!("write auto, thresholds or a number from 1 to {MOST_GAUSSIANS}");
-            number(text, |n: &u32| (1..=MOST_GAUSSIANS).contains(&(*n as usize)), &form).map(GrowTo::Number)
-        }
-    }
+    let form = format!("write auto, thresholds or a number from 1 to {MOST_GAUSSIANS}");
+    let usable = |n: &usize| (1..=MOST_GAUSSIANS).contains(n);
+    Ok(GrowTo(match text {
+        "auto" => Some(Growth::default()),
+        "thresholds" => None,
+        _ => Some(Growth { gaussians: Some(number(text, usable, &form)?), ..Growth::default() }),
+    }))
 }
 
 /// A share above 0, up to 1.
@@ -221,7 +214,7 @@ pub(super) fn partition(text: &str) -> Result<Partition, String> {
         (_, Partition::Paper { cap, .. }) if edge().is_some() => {
             Ok(Partition::Paper { voxel: edge().unwrap_or_default(), cap })
         }
-        _ => Err("write adaptive, adaptive:128 (members a block, 16 to 8000), paper, or an edge in world units, such as 0.03".into()),
+        _ => Err("write adaptive, adaptive:128 (members per block, 16 to 8000), paper, or an edge in world units, such as 0.03".into()),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::Global;
 use super::console::Console;
-use super::inspect::{is_run, is_scene, read_model, unfinished};
+use super::inspect::{is_scene, read_model, unfinished};
 use super::interrupt::Watch;
 use super::style;
 use super::values;
@@ -10,6 +10,7 @@ use crate::effects::THUMBNAIL_WIDTH;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::job::diagnostics::Diagnostics;
+use crate::job::earlier::is_run;
 use crate::job::records::ViewScores;
 use crate::job::{Error, RunConfig, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
@@ -153,8 +154,21 @@ impl Watched {
         self.address.warn(console);
         // Printed even with --quiet: without the address nobody can look.
         console.error(server.url());
-        let live = Live::new(session.watcher, &server, device, subject);
-        job(&Session { watcher: &live, ..*session })
+        let live = Live::new(session.watcher, &server, device, Arc::clone(&subject));
+        let done = job(&Session { watcher: &live, ..*session });
+        server.requests().tell_end(&ending(&subject, done.as_ref().err()));
+        done
+    }
+}
+
+/// How a watched job has ended, as a sentence for its pages.
+fn ending(Subject { title, job, .. }: &Subject, error: Option<&Error>) -> String {
+    match (error, job) {
+        (None, Job::Run) => format!("the run is finished: its model is {title}/model.ply"),
+        (None, _) => format!("the compression is finished: its model is {title}"),
+        (Some(Error::Interrupted), Job::Run) => "the run was stopped; `run --resume` continues it".to_owned(),
+        (Some(Error::Interrupted), _) => "the compression was stopped; no model was written".to_owned(),
+        (Some(error), _) => format!("qirf-vk has ended: {error}"),
     }
 }
 
@@ -190,7 +204,7 @@ impl Arguments {
         let capture = match &scene {
             // A run's capture may be elsewhere by now; its model can be seen all the same.
             Some(scene) if run && self.scene.is_none() && !scene.exists() => {
-                console.warn(format_args!("{} is not there: the run's photos are not shown", scene.display()));
+                console.warn(format_args!("{} does not exist: the run's photos are not shown", scene.display()));
                 None
             }
             Some(scene) => {
@@ -221,7 +235,7 @@ impl Arguments {
             }
             models.push(other);
         }
-        let given = self.background.or(config.and_then(|c| c.background));
+        let given = self.background.or(config.and_then(|c| c.background)).or_else(|| scored_on(path));
         let background =
             given.unwrap_or_else(|| capture.as_ref().map_or([0.0; 3], |c| c.alpha_role.usual_background()));
         let title = name(path);
@@ -268,6 +282,12 @@ fn psnr(run: &Path) -> HashMap<String, f64> {
 /// The last part of a path.
 fn name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+}
+
+/// The background of a finished run's figures.
+fn scored_on(run: &Path) -> Option<[f32; 3]> {
+    let metrics: serde_json::Value = serde_json::from_slice(&std::fs::read(run.join("metrics.json")).ok()?).ok()?;
+    serde_json::from_value(metrics["protocol"]["background"].clone()).ok()
 }
 
 /// A run that is to be watched: its capture, and no model yet.

@@ -43,7 +43,8 @@ pub struct DepthMaps {
 
 /// Evidence about all maps from those with enough points.
 struct Known {
-    /// Factors to depths, ascending, of the maps that measure what most do; maps may have steps or units of their own.
+    /// Factors to depths, ascending, of the maps that measure what most do and agree with the points; maps may have steps or units of
+    /// their own.
     scales: Vec<f64>,
     /// Median over the maps of the points' median deviation from each; none if too few points lie in every map.
     deviation: Option<f64>,
@@ -69,20 +70,32 @@ impl Known {
         let count = |meaning: &Meaning| known.iter().filter(|k| k.0 == *meaning).count();
         let meaning = Meaning::ALL.into_iter().rev().max_by_key(count).unwrap_or_default();
         known.retain(|k| k.0 == meaning);
-        let mut scales: Vec<f64> = known.iter().filter(|_| meaning != Meaning::Inverse).map(|k| k.1).collect();
+        let tells = |k: &&(Meaning, f64, f64)| meaning != Meaning::Inverse && k.2 <= DEPTHS_AGREE;
+        let mut scales: Vec<f64> = known.iter().filter(tells).map(|k| k.1).collect();
         scales.sort_by(f64::total_cmp);
         let deviation = median(&mut known.iter().map(|k| k.2).collect::<Vec<_>>());
         Self { scales, deviation, meaning, doubted, contradicted: 2 * apart > fitted().count() }
     }
 
+    /// The median scale of the maps that agree with the points.
+    fn usual(&self) -> Option<f64> {
+        self.scales.get(self.scales.len() / 2).copied()
+    }
+
+    /// The median scale of the others, if these are alike, for a map of its own scale from which the points deviate too much.
+    fn lent(&self, scale: &Scale) -> Option<f64> {
+        let alike = matches!(self.scales[..], [low, .., high] if high <= low * (1.0 + DEPTHS_AGREE));
+        self.usual().filter(|_| alike && matches!(scale, Scale::Points(_, off) if *off > DEPTHS_AGREE))
+    }
+
     /// The meaning and the scale by which a map is used; none if it is not, as where it seems to mean something else than most. A map
-    /// with too few points is like the others; inverse depths have a scale of their own in each.
+    /// with too few points, or too far from them where the others are alike, is like these; inverse depths have a scale of their own in each.
     fn use_of(&self, fitted: &Fitted) -> Option<(Meaning, f64)> {
         match fitted.scale {
             Scale::Points(..) if self.doubted || fitted.meaning != self.meaning => None,
-            Scale::Points(scale, _) => Some((fitted.meaning, scale)),
+            Scale::Points(scale, _) => Some((fitted.meaning, self.lent(&fitted.scale).unwrap_or(scale))),
             Scale::Unknown if self.contradicted || self.meaning == Meaning::Inverse => None,
-            Scale::Unknown => Some((self.meaning, self.scales.get(self.scales.len() / 2).copied().unwrap_or(1.0))),
+            Scale::Unknown => Some((self.meaning, self.usual().unwrap_or(1.0))),
             Scale::Apart => None,
         }
     }
@@ -199,6 +212,10 @@ fn notes(scene: &Scene, found: &[Found], known: &Known) -> Vec<String> {
             } else {
                 "with too few points to tell a scale, as inverse depths have one each; not used"
             },
+        ),
+        (
+            with(&|f| known.lent(&f.scale).is_some() && known.use_of(f).is_some()),
+            "too far from the points to tell a scale, used at the median scale of the others",
         ),
         (used(Meaning::Inverse), "of inverse depths, converted by the points that each shows"),
         (used(Meaning::Rays), "of lengths along rays, not of depths; used as such"),

@@ -162,7 +162,7 @@ pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gain
     if gains.photos == 0 {
         let why = match tracks.len() {
             0 => "the scene has no points with tracks: photos cannot be compared",
-            _ => "photos share too few points to be compared",
+            _ => "photos share too few points that are neither black nor white to be compared",
         };
         return Decision::plain(Effect::Exposure, false, format!("{why}{headers}"));
     }
@@ -201,8 +201,10 @@ pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) 
     if long.is_empty() || most == 0 {
         let why = match (most, tracks.len()) {
             (0, _) => "no SH degree above 0 is allowed".to_owned(),
-            (_, 0) => format!("no points have tracks, so colours cannot be compared: up to degree {most}"),
-            _ => format!("no point is seen by {OBSERVED} photos, so colours cannot be compared: up to degree {most}"),
+            (_, 0) => format!("no points have tracks, so the scene does not tell the degree: {most} is used"),
+            _ => {
+                format!("no point is seen by {OBSERVED} photos, so the scene does not tell the degree: {most} is used")
+            }
         };
         return Decision { degree: Some(most), ..Decision::plain(Effect::ViewDependence, most > 0, why) };
     }

@@ -43,6 +43,9 @@ pub fn dropout(set: &TrainingSet<'_>) -> Decision {
     let photos = set.train.len();
     let times = f64::from(set.iterations) / photos.max(1) as f64;
     let often = if times.round() == 1.0 { "once".to_owned() } else { format!("{times:.0} times") };
+    if photos == 0 {
+        return Decision::plain(Effect::Dropout, false, "there is no photo to train on".to_owned());
+    }
     let evidence = format!("each of {} is trained on {often}", counted(photos, "photo"));
     if hidden(set, AlphaRole::Alpha).0 > 0 {
         let why = format!("{evidence}, but transparent photos would show holes where Gaussians are omitted");
@@ -106,7 +109,7 @@ pub fn antialias(set: &TrainingSet<'_>) -> Decision {
     }
     let (low, middle, high) = (quantile(&mut ratios, 0.05), quantile(&mut ratios, 0.5), quantile(&mut ratios, 0.95));
     let evidence = format!(
-        "the size of a pixel on a point varies by up to {middle:.2} times between photos (median of {}; \
+        "the size of a pixel at a point differs by a factor of up to {middle:.2} between photos (median of {}; \
          {low:.2} to {high:.2} for nine tenths of them)",
         counted(ratios.len(), "point")
     );
@@ -166,7 +169,9 @@ pub fn distortion(set: &TrainingSet<'_>) -> Decision {
     let cut = set.views().filter(|v| v.face.is_some()).count();
     let shown = match (undistorted, cut) {
         (n, 0) => format!("{} {} resampled once to a pinhole", counted(n, "photo"), if n == 1 { "is" } else { "are" }),
-        (0, n) => format!("photos see more than a pinhole shows and are cut into {}", counted(n, "view")),
+        (0, n) => {
+            format!("the photos show more than a pinhole camera can, so they are cut into {}", counted(n, "view"))
+        }
         (n, m) => format!("{} resampled once to a pinhole, {m} cut from wider photos", counted(n, "view")),
     };
     let evidence = match (moved, cut) {

@@ -45,7 +45,7 @@ pub fn decide(set: &TrainingSet<'_>, overrides: &Overrides, most: usize) -> (Vec
         Effect::Masks => geometry::masks(set),
         Effect::Cameras => geometry::cameras(set),
         Effect::DepthOrder => {
-            let evidence = "on request only; else Gaussians are sorted by depth once a picture";
+            let evidence = "only on request; otherwise Gaussians are sorted by depth once per picture";
             Decision::plain(effect, false, evidence.to_owned())
         }
     };

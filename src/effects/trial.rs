@@ -44,7 +44,8 @@ pub fn poses_by_trial(pixels: f64, [given, fitted]: [f64; 2]) -> Decision {
         "cameras of photos that a short training withheld move by {pixels:.2} pixels to fit its model (median); \
          their PSNR changes by {gain:+.2} dB"
     );
-    Decision::by(Effect::Poses, pixels.min(gain), MOVED, evidence)
+    let measured = if gain.is_nan() { 0.0 } else { pixels.min(gain) };
+    Decision::by(Effect::Poses, measured, MOVED, evidence)
 }
 
 #[cfg(test)]
@@ -59,5 +60,11 @@ mod tests {
             (trial_length(7_000, 40), trial_length(6_999, 40), trial_length(30_000, 31)),
             (Some(500), None, None)
         );
+    }
+
+    #[test]
+    fn photos_that_equal_their_pictures_tell_nothing_of_poses() {
+        assert!(poses_by_trial(2.0, [20.0, 22.0]).on);
+        assert!(!poses_by_trial(2.0, [f64::INFINITY; 2]).on);
     }
 }

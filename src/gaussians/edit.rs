@@ -11,6 +11,10 @@ use super::{Attributes, Error, Gaussians, MAX_SH_DEGREE, MIN_QUATERNION};
 /// A quaternion all of whose components are smaller is normalised: pictures leave out lengths below 1e-6.
 const SHORT: f32 = 1e-5;
 
+/// Log-scales of models from arrays are below this. The projection leaves out a Gaussian whose length in pixels has a square beyond float32
+/// (2^64 pixels). One of e^30 world units is drawn at any depth that shows a world unit with up to a million pixels.
+const LARGEST: f32 = 30.0;
+
 /// Normalises a quaternion that is too short to be drawn, but not zero; whether it was one.
 pub(super) fn lengthen(quaternion: &mut [f32; 4]) -> bool {
     let short = *quaternion != [0.0; 4] && quaternion.iter().all(|c| c.abs() < SHORT);
@@ -199,7 +203,7 @@ impl Gaussians {
         for quaternion in &mut self.rotations {
             lengthen(quaternion);
         }
-        let sized = |log_scales: &[f32; 3]| log_scales.iter().all(|s| s.exp().is_finite());
+        let sized = |log_scales: &[f32; 3]| log_scales.iter().all(|s| *s < LARGEST);
         let wrong = |i: usize| !self.drawable(i) || self.opacity_logits[i].is_infinite() || !sized(&self.log_scales[i]);
         let Some(i) = (0..self.len()).find(|i| wrong(*i)) else { return Ok(self) };
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
@@ -208,11 +212,13 @@ impl Gaussians {
         } else if !finite(&self.log_scales[i]) {
             "its log_scales are not finite; the logarithm of a flat axis may be -20"
         } else if !sized(&self.log_scales[i]) {
-            "its log_scales are too large: they are natural logarithms, and should be less than 88.7"
+            "its log_scales are too large to be drawn: they are natural logarithms, and should be less than 30"
         } else if !finite(&[self.opacity_logits[i]]) {
             "its opacity_logit is not finite; -20 is transparent, and 20 opaque"
-        } else if !finite(&self.rotations[i]) || self.drawable_turn(i) {
-            "its spherical harmonics or its rotation are not finite"
+        } else if !finite(&self.rotations[i]) {
+            "its rotation is not finite"
+        } else if self.drawable_turn(i) {
+            "its spherical harmonics are not finite"
         } else {
             "its rotation, a quaternion w, x, y, z, is zero"
         };
@@ -275,7 +281,7 @@ mod tests {
     fn models_from_arrays_are_checked() {
         let mut model = Gaussians::zeroed(3, 1);
         model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
-        model.log_scales[2] = [88.0, -200.0, 0.0];
+        model.log_scales[2] = [29.9, -200.0, 0.0];
         assert_eq!(model.clone().checked().unwrap(), model);
         let mut short = model.clone();
         short.rotations[1] = [0.0, 3.0, 0.0, -4.0].map(|q| q * 2.0_f32.powi(-60));
@@ -288,10 +294,10 @@ mod tests {
         for (change, said) in [
             (&(|m: &mut Gaussians| m.means[1][2] = f32::NAN) as &dyn Fn(&mut Gaussians), "Gaussian 1: its mean"),
             (&|m| m.log_scales[2][0] = f32::NEG_INFINITY, "Gaussian 2: its log_scales"),
-            (&|m| m.log_scales[1][2] = 89.0, "Gaussian 1: its log_scales are too large"),
+            (&|m| m.log_scales[1][2] = 30.0, "Gaussian 1: its log_scales are too large"),
             (&|m| m.opacity_logits[0] = f32::INFINITY, "Gaussian 0: its opacity_logit"),
             (&|m| m.rotations[1] = [0.0; 4], "is zero"),
-            (&|m| m.rotations[1][3] = f32::NAN, "rotation are not finite"),
+            (&|m| m.rotations[1][3] = f32::NAN, "Gaussian 1: its rotation is not finite"),
             (&|m| m.sh[1][9] = f32::NAN, "Gaussian 1: its spherical harmonics"),
             (&|m| m.sh[0].truncate(8), "SH band 0 has 8 entries, 9 expected"),
         ] {

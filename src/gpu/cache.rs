@@ -8,11 +8,13 @@ use std::path::Path;
 pub(super) fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let folder = folder_of(path);
     std::fs::create_dir_all(folder)?;
-    let mut made = tempfile::Builder::new();
+    #[cfg(not(unix))]
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
     // Other users of the folder may read it, as far as the umask allows.
     #[cfg(unix)]
-    made.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let mut file = made.tempfile_in(folder)?;
+    let mut file = tempfile::Builder::new()
+        .permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666))
+        .tempfile_in(folder)?;
     file.write_all(bytes)?;
     file.persist(path)?;
     Ok(())

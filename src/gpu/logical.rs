@@ -100,32 +100,28 @@ fn create(
         .compute_full_subgroups(full);
     let mut vulkan_1_2 = vk::PhysicalDeviceVulkan12Features::default().subgroup_broadcast_dynamic_id(true);
     let mut atomic = vk::PhysicalDeviceShaderAtomicFloatFeaturesEXT::default().shader_buffer_float32_atomic_add(true);
+    let mut uniform = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default()
+        .shader_subgroup_uniform_control_flow(true);
+    let mut executables =
+        vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
     let mut wanted = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut vulkan_1_2);
     // The extension must be enabled if it is present.
     if info.has(Feature::PortabilitySubset) {
         extensions.push(khr::portability_subset::NAME.as_ptr());
     }
-    if sizes || full {
-        extensions.push(ext::subgroup_size_control::NAME.as_ptr());
-        wanted = wanted.push_next(&mut control);
+    macro_rules! enable {
+        ($there:expr, $name:expr, $features:ident) => {
+            if $there {
+                extensions.push($name.as_ptr());
+                wanted = wanted.push_next(&mut $features);
+            }
+        };
     }
-    if info.has(Feature::FloatAtomics) {
-        extensions.push(ext::shader_atomic_float::NAME.as_ptr());
-        wanted = wanted.push_next(&mut atomic);
-    }
-    let mut uniform = vk::PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR::default()
-        .shader_subgroup_uniform_control_flow(true);
-    if info.has(Feature::UniformSubgroups) {
-        extensions.push(khr::shader_subgroup_uniform_control_flow::NAME.as_ptr());
-        wanted = wanted.push_next(&mut uniform);
-    }
-    let mut executables =
-        vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
-    if info.has(Feature::KernelStatistics) {
-        extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
-        wanted = wanted.push_next(&mut executables);
-    }
+    enable!(sizes || full, ext::subgroup_size_control::NAME, control);
+    enable!(info.has(Feature::FloatAtomics), ext::shader_atomic_float::NAME, atomic);
+    enable!(info.has(Feature::UniformSubgroups), khr::shader_subgroup_uniform_control_flow::NAME, uniform);
+    enable!(info.has(Feature::KernelStatistics), khr::pipeline_executable_properties::NAME, executables);
     // SAFETY: only extensions and features that the device reported are asked for.
     unsafe { instance.create_device(physical, &wanted.enabled_extension_names(&extensions), None) }
         .during("create device")

@@ -150,10 +150,10 @@ impl Diagnostics {
         let notes: Notes = serde_json::from_str(notes).map_err(|e| format!("record {NOTES}: {e}"))?;
         let (n, given) = (notes.gaussians, model.len());
         if n != given {
-            return Err(format!("it is of another model: of {n} Gaussians, and this one has {given}"));
+            return Err(format!("it belongs to another model: that has {n} Gaussians, this one {given}"));
         }
         if notes.model != crc32(model.bytes()) {
-            return Err(format!("it is of another model, which also has {n} Gaussians"));
+            return Err(format!("it belongs to another model, which also has {n} Gaussians"));
         }
         let file =
             SafeTensors::deserialize(bytes).map_err(|e| format!("it is not a complete safetensors file: {e}"))?;
@@ -218,7 +218,7 @@ mod tests {
         other.sh[1][5] = 0.25;
         assert!(Diagnostics::parse(&bytes, &other).is_err_and(|e| e.contains("another model")));
         let fewer = model.select(&[0, 1]);
-        assert!(Diagnostics::parse(&bytes, &fewer).is_err_and(|e| e.contains("3 Gaussians, and this one has 2")));
+        assert!(Diagnostics::parse(&bytes, &fewer).is_err_and(|e| e.contains("3 Gaussians, this one 2")));
         // A flag of a later version, in a file whose checksum is right.
         let later = Diagnostics { flags: vec![KEPT, 0x40, 0], ..diagnostics };
         let folder = tempfile::tempdir().unwrap();

@@ -25,8 +25,8 @@ pub enum Error {
     /// A `config.toml` that is damaged, or has unknown or wrong fields.
     #[error("{}: {what}", path.display())]
     Config { path: PathBuf, what: String },
-    /// A checkpoint of another version of the program.
-    #[error("{}: this checkpoint is of another version of the program: {what}", path.display())]
+    /// A checkpoint from another version of the program.
+    #[error("{}: this checkpoint is from another version of the program: {what}", path.display())]
     Checkpoint { path: PathBuf, what: String },
     /// Standard output is closed or full.
     #[error("cannot write to standard output: {0}")]

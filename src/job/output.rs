@@ -92,6 +92,17 @@ impl Output {
     }
 }
 
+/// Refuses a folder where a file is to be written, and a file that cannot be written there.
+///
+/// # Errors
+/// [`Error::Usage`] for a folder; [`Error::Write`] for the system's reason.
+pub fn check_file(file: &Path) -> Result<(), Error> {
+    if file.is_dir() {
+        return Err(Error::Usage(format!("{} is a folder; name a file", file.display())));
+    }
+    formats::check_place(file).map_err(Error::writing)
+}
+
 fn create(folder: &Path) -> Result<(), Error> {
     std::fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })
 }

@@ -33,7 +33,7 @@ impl Networks {
 
     /// A line for the records if VGG16, the network of the papers, is missing.
     pub fn note(&self) -> Option<&'static str> {
-        self.vgg.is_none().then_some("no VGG16 weights, so lpips_vgg is left out")
+        self.vgg.is_none().then_some("no VGG16 weights were found, so lpips_vgg is left out")
     }
 
     fn named(path: &Path) -> Result<Self, Error> {

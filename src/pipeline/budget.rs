@@ -18,6 +18,7 @@ use crate::response::Wanted;
 use crate::scene::{DepthMap, camera};
 use crate::train::checkpoint::Snapshot;
 use crate::train::{PhotoNeeds, Trainer, TrainerNeeds, responses_bytes};
+use crate::wording::mebibytes;
 
 /// Assumed growth of a run's number of Gaussians, as far as `--max-gaussians` allows.
 const GROWTH: usize = 4;
@@ -320,6 +321,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
         photos,
         depths: 0,
         degree,
+        exposure,
         masked,
         style: Style { antialias: true, ..style },
         ..TrainerNeeds::default()
@@ -349,6 +351,6 @@ fn check(
         let (needed, there) = (bytes, binds);
         return Err(Error::Buffer { what, name, gaussians, width, height, needed, there, device, relief });
     }
-    tracing::info!("{what} needs about {needed} bytes of device memory, of {there}");
+    tracing::info!("{what} needs about {} of device memory, of {}", mebibytes(needed), mebibytes(there));
     Ok(needed)
 }

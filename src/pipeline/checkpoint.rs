@@ -23,6 +23,10 @@ pub struct RunNotes {
     pub seconds: f64,
     /// Seconds of the whole run so far; 0 in checkpoints of earlier versions.
     pub elapsed: f64,
+    /// Largest device memory in use so far, in bytes; 0 in checkpoints of earlier versions.
+    pub peak: u64,
+    /// Largest estimate of it, in bytes; 0 in checkpoints of earlier versions.
+    pub estimated: u64,
     /// Gaussians at the start.
     pub initial: usize,
     /// Names of the training photos; none in checkpoints of earlier versions.
@@ -42,6 +46,8 @@ impl RunNotes {
             ("prunes", serde_json::to_string(&self.prunes)?),
             ("seconds", serde_json::to_string(&self.seconds)?),
             ("elapsed", serde_json::to_string(&self.elapsed)?),
+            ("peak", serde_json::to_string(&self.peak)?),
+            ("estimated", serde_json::to_string(&self.estimated)?),
             ("initial", serde_json::to_string(&self.initial)?),
             ("photos", serde_json::to_string(&self.photos)?),
             ("contents", serde_json::to_string(&self.contents)?),
@@ -84,12 +90,26 @@ impl RunNotes {
             prunes: json("prunes", text("prunes")?)?,
             seconds: json("seconds", text("seconds")?)?,
             elapsed: notes.get("elapsed").map_or(Ok(0.0), |text| json("elapsed", text))?,
+            peak: notes.get("peak").map_or(Ok(0), |text| json("peak", text))?,
+            estimated: notes.get("estimated").map_or(Ok(0), |text| json("estimated", text))?,
             initial: json("initial", text("initial")?)?,
             photos: notes.get("photos").map_or(Ok(Vec::new()), |text| json("photos", text))?,
             contents: notes.get("contents").map_or(Ok(BTreeMap::new()), |text| json("contents", text))?,
             trial: notes.get("trial").map_or(Ok(None), |text| json("trial", text))?,
         };
-        let known = ["config", "curve", "prunes", "seconds", "elapsed", "initial", "photos", "contents", "trial"];
+        let known = [
+            "config",
+            "curve",
+            "prunes",
+            "seconds",
+            "elapsed",
+            "peak",
+            "estimated",
+            "initial",
+            "photos",
+            "contents",
+            "trial",
+        ];
         match notes.keys().find(|name| !known.contains(&name.as_str()) && !OWN_NOTES.contains(&name.as_str())) {
             Some(name) => Err(format!("the note '{name}' is unknown")),
             None => Ok(read),

@@ -149,6 +149,15 @@ pub fn try_out(decisions: &mut [Decision], trial: &Trial) {
     }
 }
 
+/// Keeps the bands of an initial model, of this SH degree, where the degree was measured and not asked for.
+pub fn keep_bands(decisions: &mut [Decision], degree: usize) {
+    let measured = decisions.iter_mut().find(|d| d.name == Effect::ViewDependence && !d.forced);
+    if let Some(d) = measured.filter(|d| d.degree.is_some_and(|lower| lower < degree)) {
+        d.evidence += &format!("; the initial model has degree {degree}, and keeps its bands");
+        (d.degree, d.on) = (Some(degree), true);
+    }
+}
+
 /// The decisions with how far the run moved the cameras, in pixels, if it did.
 #[must_use]
 pub fn moved(mut decisions: Vec<Decision>, pixels: Option<Vec<f64>>) -> Vec<Decision> {
@@ -198,6 +207,16 @@ mod tests {
         let measured: Vec<_> = untold.iter().map(|d| Decision { measured: Some(0.1), ..d.clone() }).collect();
         for told in [forced, measured] {
             assert_eq!(on(&told, &trial(0.4, 0.5, 25.0)), [false, false], "{told:?}");
+        }
+    }
+
+    #[test]
+    fn a_measured_degree_leaves_an_initial_model_its_bands() {
+        let config = RunConfig::sample(Preset::Quick);
+        for (forced, initial, expected) in [(false, 2, 2), (false, 0, 1), (true, 2, 1)] {
+            let mut decisions = [Decision { forced, ..Decision::of_degree(1, String::new()) }];
+            keep_bands(&mut decisions, initial);
+            assert_eq!((decisions[0].degree, config.decided(&decisions).sh_degree), (Some(expected), expected));
         }
     }
 

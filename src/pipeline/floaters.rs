@@ -77,13 +77,28 @@ pub fn by_photos(
     Ok(found)
 }
 
-/// Gains of the photos' red, green and blue relative to the model's pictures, if at least half of the photos have exposures of their own.
+/// The photos' exposures, if at least half of the photos have exposures of their own.
 fn fit_exposures(
     session: &Session<'_>,
     source: Source<'_>,
     photos: &[Photo],
     settings: Settings,
 ) -> Result<Option<Exposures>, Error> {
+    let (gains, own) = gains(session, source, photos, settings)?;
+    if own == 0 || 2 * own < photos.len() {
+        return Ok(None);
+    }
+    session.watcher.note("the photos differ in exposure: gains of red, green and blue are fitted to each of them");
+    Ok(Some(Exposures::Learnt(gains)))
+}
+
+/// Gains of the photos' red, green and blue relative to the model's pictures, and the number of photos that have exposures of their own.
+pub(super) fn gains(
+    session: &Session<'_>,
+    source: Source<'_>,
+    photos: &[Photo],
+    settings: Settings,
+) -> Result<(Vec<[f32; 3]>, usize), Error> {
     let mut painter = Painter::of(session.device, settings, source, camera::largest(photos.iter().map(|p| &p.camera)))?;
     let (mut all, mut own) = (Vec::with_capacity(photos.len()), 0);
     for photo in photos {
@@ -93,11 +108,7 @@ fn fit_exposures(
         own += usize::from(pays);
         all.push(gains);
     }
-    if own == 0 || 2 * own < photos.len() {
-        return Ok(None);
-    }
-    session.watcher.note("the photos differ in exposure: gains of red, green and blue are fitted to each of them");
-    Ok(Some(Exposures::Learnt(all)))
+    Ok((all, own))
 }
 
 /// Gains by which a picture (red, green, blue, alpha) comes closest to a photo (RGBA, 8 bits each), and true if the photo has an exposure

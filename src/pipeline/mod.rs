@@ -1,6 +1,7 @@
 //! Whole jobs as readable lists of stages.
 
 pub mod active_run;
+mod backdrop;
 pub mod budget;
 pub mod checkpoint;
 pub mod compress;

@@ -1,5 +1,6 @@
 //! From a scene on disk to views in memory.
 
+use super::backdrop::backdrop;
 use crate::depth_maps::{self, DepthMaps};
 use crate::effects::DepthEvidence;
 use crate::extension::folder_of;
@@ -142,7 +143,8 @@ pub fn crc32_of_file(path: &Path) -> Result<u32, Error> {
     }
 }
 
-/// CRC-32 of each view by name: of its photo's, mask's and depth map's files, and of its camera in float32.
+/// CRC-32 of each view by name: of its photo's, mask's and depth map's files, of its camera in float32, and of the circle that its photo
+/// shows.
 ///
 /// # Errors
 /// Files that cannot be read.
@@ -156,8 +158,9 @@ pub fn contents(scene: &Scene) -> Result<BTreeMap<String, u32>, Error> {
     let sums: BTreeMap<&Path, u32> = sums.collect::<Result<_, Error>>()?;
     let sum = |view: &View| {
         let files: Vec<u32> = files(view).map(|path| sums[path]).collect();
-        let camera = numbers(&view.camera);
-        (view.name.clone(), crc32([bytemuck::cast_slice(&files), bytemuck::cast_slice(&camera)]))
+        let (camera, circle) = (numbers(&view.camera), view.circle.as_slice());
+        let parts = [bytemuck::cast_slice(&files), bytemuck::cast_slice(&camera), bytemuck::cast_slice(circle)];
+        (view.name.clone(), crc32(parts))
     };
     Ok(scene.views.par_iter().map(sum).collect())
 }
@@ -312,7 +315,23 @@ impl Opened {
         let train = split.train.iter().map(|i| photos[*i].clone()).collect();
         let test = split.test.iter().map(|i| (scene.views[*i].name.clone(), photos[*i].clone())).collect();
         let extent = scene.extent(&split.train);
-        let background = selection.background.unwrap_or_else(|| AlphaRole::of(&photos).usual_background());
+        let background = match selection.background {
+            Some(given) => given,
+            None => usual_background(&photos, watcher)?,
+        };
         Ok(Prepared { scene, train, test, extent, background, depths: maps.evidence })
     }
+}
+
+/// The background that photos are trained and scored on unless one is given: white with alpha, a colour that their edges share, or black.
+fn usual_background(photos: &[Photo], watcher: &dyn Watcher) -> Result<[f32; 3], Error> {
+    let Some((colour, share)) = backdrop(photos).map_err(train::Error::Photos)? else {
+        return Ok(AlphaRole::of(photos).usual_background());
+    };
+    let [red, green, blue] = colour;
+    watcher.note(&format!(
+        "{:.0} % of the pixels at the photos' edges have one colour, which is the background: --background {red:.3},{green:.3},{blue:.3}",
+        100.0 * share
+    ));
+    Ok(colour)
 }

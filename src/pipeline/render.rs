@@ -12,6 +12,8 @@ use crate::scene::camera::{self, Camera};
 use crate::scene::orbit::{Framing, Look};
 use crate::scene::{Resize, Scene, View, near_at};
 use glam::DVec3;
+use std::collections::HashSet;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -91,6 +93,25 @@ pub fn frames(cameras: Vec<Camera>, folder: &Path, format: Format) -> Vec<Shot> 
     let digits = frame_digits(cameras.len());
     let path = |i| folder.join(format!("frame_{i:0digits$}.{}", format.extension()));
     cameras.into_iter().enumerate().map(|(i, camera)| Shot { camera, path: path(i) }).collect()
+}
+
+/// The names of pictures in `folder` that are numbered like these and are not among them, sorted.
+pub fn leftovers(folder: &Path, shots: &[Shot]) -> Vec<String> {
+    let written: HashSet<&str> = shots.iter().filter_map(|shot| shot.path.file_name()?.to_str()).collect();
+    let form = |name: &str| {
+        let (stem, extension) = name.rsplit_once('.')?;
+        let (kind, number) = stem.rsplit_once('_')?;
+        let counts = !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit());
+        counts.then(|| (kind.to_owned(), extension.to_owned()))
+    };
+    let forms: HashSet<_> = written.iter().filter_map(|name| form(name)).collect();
+    let there = fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = there.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut left: Vec<String> = names
+        .filter(|name| !written.contains(name.as_str()) && form(name).is_some_and(|f| forms.contains(&f)))
+        .collect();
+    left.sort();
+    left
 }
 
 /// Seconds of rendering.

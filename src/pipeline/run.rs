@@ -27,5 +27,15 @@ pub fn run(session: &Session<'_>, config: &RunConfig, output: &Output, resume: b
     if setup.config.prune.is_some() && record.prunes.is_empty() {
         session.watcher.note("the run is too short for its prune: the model is not pruned; give more --iterations");
     }
+    let asked = setup.config.schedule.growth.and_then(|plan| plan.gaussians).unwrap_or(0);
+    let grown = record.gaussians.dense.unwrap_or(record.gaussians.last);
+    // Without a prune, floaters are removed before Gaussians are counted.
+    let is_counted = !setup.config.clean || !record.prunes.is_empty();
+    if is_counted && grown < asked.min(setup.config.max_gaussians) {
+        session.watcher.note(&format!(
+            "--grow-to {asked}: the model grew to {grown} Gaussians. A density step at most doubles their number: train longer, or begin \
+             with more"
+        ));
+    }
     Ok(record)
 }

@@ -9,7 +9,7 @@ use crate::effects::Decision;
 use crate::gpu::Device;
 use crate::job::output::same_place;
 use crate::job::records::Trial;
-use crate::job::{Error, Init, Output, RunConfig, Session, Watcher};
+use crate::job::{Error, Init, Output, RunConfig, Session, Watcher, earlier};
 use crate::train::Exposures;
 use std::path::Path;
 use std::time::Instant;
@@ -64,7 +64,7 @@ impl<'a> Setup<'a> {
             if let Some(note) = opened.scene.lacks_points().filter(|_| matches!(config.init, Init::Points)) {
                 watcher.note(&note);
             }
-            Start::of(config, &opened.scene, pixels.iter().copied().max().unwrap_or(0))
+            Start::of(config, &opened.scene, pixels.iter().copied().max().unwrap_or(0), watcher)
         };
         let start = checkpoint.map_or_else(fresh, |checkpoint| Ok(Start::Resumed(Box::new(checkpoint))))?;
         let estimated_bytes = budget::for_run(session, config, &opened, &start)?;
@@ -72,6 +72,12 @@ impl<'a> Setup<'a> {
         let limit = schedule.growth.and_then(|plan| plan.limit(&pixels, schedule.iterations));
         let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
         let (mut decisions, gains) = effects::decide(&prepared, config)?;
+        let degree = match &start {
+            // What the run decided, or an earlier version of the program.
+            Start::Resumed(c) => toml::from_str::<RunConfig>(&c.notes.config).map_or(0, |own| own.sh_degree),
+            _ => start.degree(),
+        };
+        effects::keep_bands(&mut decisions, degree);
         let prepared = prepared.in_usual_unit();
         let trial = match &start {
             Start::Resumed(checkpoint) => checkpoint.notes.trial,
@@ -124,20 +130,25 @@ impl<'a> Setup<'a> {
             path: output.checkpoint(),
             what: format!("the note 'config' cannot be read: {e}"),
         };
-        let earlier: RunConfig = toml::from_str(&checkpoint.notes.config).map_err(unreadable)?;
-        let changes = self.config.changes(&earlier.read_in(output.folder()));
+        let own: RunConfig = toml::from_str(&checkpoint.notes.config).map_err(unreadable)?;
+        let changes = self.config.changes(&own.read_in(output.folder()));
         if !changes.is_empty() {
             return Err(Error::OtherRun { folder: output.folder().to_owned(), changes });
         }
-        if output.config().exists() { Ok(()) } else { Output::text(&output.config(), &checkpoint.notes.config) }
+        if earlier::is_config_kept(output.folder()) {
+            return Ok(());
+        }
+        Output::text(&output.config(), &checkpoint.notes.config)
     }
 }
 
 /// The device with the tuning that a run is to have: with `resume` that of the run in `output`, else the configuration's.
 /// A tuning that does not fit is reported and replaced by the device's own.
 pub fn tuned(session: &Session<'_>, config: &RunConfig, output: &Output, resume: bool) -> Result<Device, Error> {
-    let earlier = output.config();
-    let wanted = if resume && earlier.exists() { RunConfig::read(&earlier)?.tuning } else { config.tuning.clone() };
+    let earlier = if resume { earlier::config(output)? } else { None };
+    // A checkpoint has the tuning of the device that wrote it last, config.toml that of the first one.
+    let first = || RunConfig::read(&output.config()).ok().and_then(|first| first.tuning);
+    let wanted = earlier.map_or_else(|| config.tuning.clone(), |earlier| first().or(earlier.tuning));
     let Some(wanted) = wanted else { return Ok(session.device.clone()) };
     Ok(session.device.with_tuning(wanted).unwrap_or_else(|e| {
         session.watcher.note(&format!("the run began on another device: {e}; results will differ in their last bits"));

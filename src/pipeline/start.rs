@@ -3,8 +3,9 @@
 use super::checkpoint::Checkpoint;
 use super::place::{doubt, place_in};
 use super::prepare::Prepared;
+use crate::effects::Effect;
 use crate::gaussians::{Gaussians, formats};
-use crate::job::{Error, Init, RunConfig};
+use crate::job::{Error, Init, RunConfig, Watcher};
 use crate::sample::spread;
 use crate::scene::{FEWEST_POINTS, Scene, SceneKind};
 use crate::train::initialise::{self, Seed};
@@ -28,11 +29,12 @@ pub enum Start {
 
 impl Start {
     /// The initial state that the configuration selects for a scene and training pictures of at most `pixels` pixels. A model is moved to
-    /// the scene's coordinates; too few points are replaced by random ones.
+    /// the scene's coordinates, and loses its SH bands above the degree that was asked for, with a note; too few points are replaced by
+    /// random ones.
     ///
     /// # Errors
     /// A model that cannot be read; [`Error::Usage`] for a number of random points in a run that begins with others.
-    pub fn of(config: &RunConfig, scene: &Scene, pixels: u64) -> Result<Self, Error> {
+    pub fn of(config: &RunConfig, scene: &Scene, pixels: u64, watcher: &dyn Watcher) -> Result<Self, Error> {
         let points = scene.points.len();
         Ok(match &config.init {
             Init::Model(path) => {
@@ -42,6 +44,9 @@ impl Start {
                     tracing::warn!("{} {doubt}", path.display());
                 }
                 place_in(&mut loaded.gaussians, &mut loaded.origin, scene);
+                if let Some(note) = cut(&mut loaded.gaussians, config) {
+                    watcher.note(&format!("{}: {note}", path.display()));
+                }
                 Self::Model(loaded.gaussians)
             }
             Init::Points if points >= FEWEST_POINTS => {
@@ -81,6 +86,15 @@ impl Start {
     }
 }
 
+/// Removes the SH bands above the degree that was asked for, and tells of it; a degree that is only measured later removes none.
+fn cut(model: &mut Gaussians, config: &RunConfig) -> Option<String> {
+    let off = config.effects.forced(Effect::ViewDependence) == Some(false);
+    let (most, before) = (if off { 0 } else { config.sh_degree }, model.degree());
+    model.sh.truncate(most + 1);
+    let what = format!("its SH bands above degree {most} are left out, as sh_degree says (it has degree {before})");
+    (before > most).then_some(what)
+}
+
 /// Refuses a number of random points in a run that begins with something else.
 fn refuse_count(config: &RunConfig, first: impl FnOnce() -> String) -> Result<(), Error> {
     if config.init_count.is_none() {
@@ -110,4 +124,23 @@ pub fn initialise(config: &RunConfig, prepared: &Prepared, start: &Start) -> Res
     let model = initialise::from_points_in(&seeds, prepared.unit());
     let all: Vec<usize> = (0..model.len()).collect();
     Ok(if all.len() > config.max_gaussians { model.select(&spread(&all, config.max_gaussians)) } else { model })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Choice;
+    use crate::job::Preset;
+
+    #[test]
+    fn a_degree_that_was_asked_for_cuts_the_bands_above() {
+        let asked = [(Choice::Auto, 3, 2), (Choice::Auto, 1, 1), (Choice::On, 3, 2), (Choice::Off, 3, 0)];
+        for (choice, sh_degree, left) in asked {
+            let mut config = RunConfig { sh_degree, ..RunConfig::sample(Preset::Quick) };
+            config.effects.set(Effect::ViewDependence, choice);
+            let mut model = Gaussians::zeroed(3, 2);
+            let note = cut(&mut model, &config);
+            assert_eq!((model.degree(), note.is_some()), (left, left < 2), "{choice:?} {sh_degree}");
+        }
+    }
 }

@@ -89,8 +89,7 @@ impl Posed {
     pub fn summary(&self) -> String {
         let mut line = format!("{} of {} photos have poses", self.posed, self.photos);
         for (folder, photos) in &self.others {
-            line +=
-                &format!("; {photos} make a part of their own, not connected with the scene ({})", folder.display());
+            line += &format!("; {photos} form a separate part, not connected to the scene ({})", folder.display());
         }
         if self.nowhere.count > 0 {
             line += &format!("; {} are in no part: {}", self.nowhere.count, self.nowhere);

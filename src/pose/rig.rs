@@ -60,8 +60,8 @@ impl Rig {
         let rigs = side_by_side(names);
         if rigs.is_empty() {
             return Err(Error::Usage(format!(
-                "--rig: no folders side by side in {} hold photos of the same names; give each camera a folder, and photos taken at \
-                 once the same name, or write {FILE}",
+                "--rig: no folders side by side in {} hold photos with the same names; give each camera a folder, and photos taken \
+                 at the same time the same name, or write {FILE}",
                 folder.display()
             )));
         }
@@ -116,7 +116,7 @@ pub(super) fn hint(names: &[String]) -> Option<String> {
     };
     let rig = rigs.into_iter().find(|rig| !rig.iter().any(card))?;
     Some(format!(
-        "photos in {} have the same names: if a rig took them at once, --rig keeps its cameras together",
+        "photos in {} have the same names: if a rig took them at the same time, --rig keeps its cameras together",
         rig.join(" and ")
     ))
 }

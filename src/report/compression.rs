@@ -2,7 +2,7 @@
 
 use super::format::{NONE, bytes, count, decimals, percent, seconds};
 use super::page::Column::{self, Number, Text};
-use super::page::{self, Said, Section, Tile, absent, facts, list, side_by_side, table, tiles};
+use super::page::{self, Said, Section, absent, facts, list, side_by_side, table, tiles};
 use super::plot::{Bar, bars};
 use super::run::{blocks, pruning};
 use crate::job::records::{Aim, AimRecord, CompressRecord, Point, StageScores, Truth};
@@ -19,14 +19,14 @@ const STAGES: [Stage; 4] =
 /// The whole page.
 pub fn page(record: &CompressRecord) -> String {
     let mut sections = vec![
-        Section::new("summary", "Summary", summary(record)),
-        Section::new("views", "Held-out views", views(record)),
-        Section::new("pruning", "Pruning", pruning::one(&record.prune)),
+        Section("summary", "Summary", summary(record)),
+        Section("views", "Held-out views", views(record)),
+        Section("pruning", "Pruning", pruning::one(&record.prune)),
     ];
     sections.extend(blocks::section(from_ref(&record.prune)));
-    sections.push(Section::new("time", "Time", time(record)));
+    sections.push(Section("time", "Time", time(record)));
     if let Some(aim) = &record.aim {
-        sections.insert(1, Section::new("search", "Search", search(aim)));
+        sections.insert(1, Section("search", "Search", search(aim)));
     }
     let truth = match record.protocol.truth {
         Truth::Photos => "photos",
@@ -52,19 +52,18 @@ fn summary(record: &CompressRecord) -> Markup {
     let CompressRecord { input, output, test, time, .. } = record;
     let last = STAGES.iter().rev().find(|(_, of)| of(test).is_some());
     let (stage, scores) = last.map_or(("no view was held out", None), |(name, of)| (*name, of(test).as_ref()));
-    let tile = |label, value: String, note: String| Tile { label, value, note };
     let removed = input.gaussians.saturating_sub(output.gaussians);
     tiles(&[
-        tile("PSNR", decibels(scores), stage.to_owned()),
-        tile("SSIM", decimals(scores.and_then(|s| s.ssim), 4), stage.to_owned()),
-        tile(
+        ("PSNR", decibels(scores), stage.to_owned()),
+        ("SSIM", decimals(scores.and_then(|s| s.ssim), 4), stage.to_owned()),
+        (
             "Gaussians",
             count(output.gaussians),
             format!("of {}: {} removed", count(input.gaussians), percent(removed as f64, input.gaussians as f64)),
         ),
-        tile("File", bytes(output.bytes), format!("of {}", bytes(input.bytes))),
-        tile("Time", seconds(time.total_s), format!("responses {}", seconds(time.responses_s))),
-        tile("Device", record.device.info.name.clone(), record.device.info.driver.clone()),
+        ("File", bytes(output.bytes), format!("of {}", bytes(input.bytes))),
+        ("Time", seconds(time.total_s), format!("responses {}", seconds(time.responses_s))),
+        ("Device", record.device.info.name.clone(), record.device.info.driver.clone()),
     ])
 }
 

@@ -6,28 +6,28 @@ use super::page::{self, Section, list, table};
 use super::plot::{Axis, Drawing, Line, Lines};
 use crate::job::records::{CurveRecord, FileRecord};
 use crate::metrics::Scores;
+use crate::wording::counted;
 use maud::Markup;
 
 /// The whole page.
 pub fn page(record: &CurveRecord) -> String {
     let name = |file: &FileRecord| format!("{}, {}", file.tool, file.format);
     let plot = drawing(&record.files, &name, "PSNR of the held-out views").figure();
-    let mut sections =
-        vec![Section::new("plot", "PSNR against bytes", plot), Section::new("files", "Files", files(record))];
+    let mut sections = vec![Section("plot", "PSNR against bytes", plot), Section("files", "Files", files(record))];
     if record.files.iter().any(|file| !file.parts.is_empty()) {
-        sections.push(Section::new("parts", "Where the bytes are", parts(record)));
+        sections.push(Section("parts", "Where the bytes are", parts(record)));
     }
     if !record.attributes.is_empty() {
-        sections.push(Section::new("attributes", "What each attribute costs alone", attributes(record)));
+        sections.push(Section("attributes", "What each attribute costs alone", attributes(record)));
     }
     let [w, h] = record.protocol.image_size;
     let subtitle = format!(
-        "qirf-vk {} on {}; {} of {} Gaussians; {} held-out views of up to {w} × {h} pixels",
+        "qirf-vk {} on {}; {} of {} Gaussians; {} of up to {w} × {h} pixels",
         record.version,
         record.device.info.name,
         record.input.path.display(),
         count(record.input.gaussians),
-        record.protocol.test_views,
+        counted(record.protocol.test_views, "held-out view"),
     );
     page::page("Quality against bytes", &subtitle, &sections)
 }
@@ -94,7 +94,7 @@ fn parts(record: &CurveRecord) -> Markup {
         [file.format.clone(), bytes(file.bytes)].into_iter().chain(names.iter().map(part)).collect()
     };
     maud::html! {
-        p { "Bytes of a Gaussian, by attribute." }
+        p { "Bytes per Gaussian, by attribute." }
         (table(&columns, &with.iter().map(row).collect::<Vec<Vec<String>>>(), None))
     }
 }

@@ -71,7 +71,7 @@ pub fn seconds(s: f64) -> String {
 pub fn bytes(n: u64) -> String {
     match n {
         10_000_000_000.. => format!("{:.1} GB", n as f64 / 1e9),
-        100_000.. => format!("{:.1} MB", n as f64 / 1e6),
+        1_000_000.. => format!("{:.1} MB", n as f64 / 1e6),
         _ => format!("{:.1} kB", n as f64 / 1e3),
     }
 }
@@ -98,7 +98,7 @@ mod tests {
             [0.0, 0.012, 3.21, 59.6, 119.0, 125.0, 7300.0, f64::INFINITY].map(seconds),
             ["0 s", "12 ms", "3.2 s", "60 s", "119 s", "2 min 05 s", "2 h 01 min", "–"]
         );
-        assert_eq!([512, 6_100_000, 24_000_000_000].map(bytes), ["0.5 kB", "6.1 MB", "24.0 GB"]);
+        assert_eq!([512, 276_520, 6_100_000, 24_000_000_000].map(bytes), ["0.5 kB", "276.5 kB", "6.1 MB", "24.0 GB"]);
         assert_eq!((decimals(-0.5, 2), decimals(None, 2), percent(1.0, 0.0)), ("−0.50".into(), "–".into(), "–".into()));
     }
 }

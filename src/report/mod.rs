@@ -25,5 +25,6 @@ pub fn write(results: &RunRecord, output: &Output, viewer: Option<&str>) -> Resu
 /// The page of a run; `viewer` is a page within it that draws the model.
 pub fn of_run(results: &RunRecord, output: &Output, viewer: Option<&str>) -> String {
     let config = std::fs::read_to_string(output.config()).unwrap_or_default();
-    run::page(results, &run::stacks(results, &output.renders()), &config, viewer)
+    let name = output.folder().file_name().unwrap_or_default().to_string_lossy();
+    run::page((results, &*name), &run::stacks(results, &output.renders()), &config, viewer)
 }

@@ -7,22 +7,8 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 const POLICY: &str =
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'; worker-src blob:";
 
-/// A part of a page under a heading.
-pub struct Section {
-    /// Anchor of links.
-    pub id: &'static str,
-    /// Heading.
-    pub title: &'static str,
-    /// Content.
-    pub body: Markup,
-}
-
-impl Section {
-    /// A section.
-    pub fn new(id: &'static str, title: &'static str, body: Markup) -> Self {
-        Self { id, title, body }
-    }
-}
+/// A part of a page under a heading: the anchor of links, the heading and the content.
+pub struct Section(pub &'static str, pub &'static str, pub Markup);
 
 /// A whole page in one self-contained file.
 pub fn page(title: &str, subtitle: &str, sections: &[Section]) -> String {
@@ -41,13 +27,13 @@ pub fn page(title: &str, subtitle: &str, sections: &[Section]) -> String {
                 header {
                     h1 { (title) }
                     p { (subtitle) }
-                    nav { @for s in sections { a href={ "#" (s.id) } { (s.title) } " " } }
+                    nav { @for Section(id, title, _) in sections { a href={ "#" (id) } { (title) } " " } }
                 }
                 main {
-                    @for s in sections {
-                        section id=(s.id) {
-                            h2 { (s.title) }
-                            (s.body)
+                    @for Section(id, title, body) in sections {
+                        section id=(id) {
+                            h2 { (title) }
+                            (body)
                         }
                     }
                 }
@@ -58,25 +44,18 @@ pub fn page(title: &str, subtitle: &str, sections: &[Section]) -> String {
     .into_string()
 }
 
-/// A large figure.
-pub struct Tile {
-    /// Name.
-    pub label: &'static str,
-    /// Value with its unit.
-    pub value: String,
-    /// A value or note for comparison.
-    pub note: String,
-}
+/// A large figure: its name, its value with the unit, and a value or a note for comparison.
+pub type Tile = (&'static str, String, String);
 
 /// Tiles side by side.
 pub fn tiles(tiles: &[Tile]) -> Markup {
     html! {
         div class="tiles" {
-            @for tile in tiles {
+            @for (label, value, note) in tiles {
                 div class="tile" {
-                    div class="label" { (tile.label) }
-                    div class="value" { (tile.value) }
-                    div class="note" { (tile.note) }
+                    div class="label" { (label) }
+                    div class="value" { (value) }
+                    div class="note" { (note) }
                 }
             }
         }

@@ -291,8 +291,30 @@ impl View {
             pixels.iter_mut().skip(3).step_by(4).for_each(|a| *a = 255);
         }
         let alpha = transparent && pixels.iter().skip(3).step_by(4).any(|&a| a < 255);
-        let mask = self.mask.as_deref().map(|path| self.decode_mask(path));
-        Ok(Source { photo: Raster { width, height, pixels }, alpha, even, mask, both: None })
+        let (mask, no_mask) = match self.mask.as_deref().map(|path| self.decode_mask(path)).transpose() {
+            Ok(mask) => (mask, None),
+            // Masks are decoded as photos are, whose errors name a photo.
+            Err(Error::Photo { path, what } | Error::Unread { path, what }) => {
+                (None, Some(format!("mask {} {what}", path.display())))
+            }
+            Err(other) => (None, Some(other.to_string())),
+        };
+        let around = || self.circle.map(|_| Raster::<1> { width, height, pixels: vec![255; pixels.len() / 4] });
+        let mut mask = mask.or_else(around);
+        if let Some(mask) = &mut mask {
+            self.hide_around(mask);
+        }
+        Ok(Source { photo: Raster { width, height, pixels }, alpha, even, mask, no_mask, both: None })
+    }
+
+    /// Hides in a mask of the photo what lies around the circle that it shows, if the data set says it.
+    fn hide_around(&self, mask: &mut Raster<1>) {
+        let Some(share) = self.circle else { return };
+        let (lens, radius) = (self.lens.resized(mask.width, mask.height), share * f64::from(mask.width));
+        for (n, byte) in mask.pixels.iter_mut().enumerate() {
+            let pixel = DVec2::new(f64::from(n as u32 % mask.width), f64::from(n as u32 / mask.width)) + 0.5;
+            *byte = if pixel.distance(lens.principal) > radius { 0 } else { *byte };
+        }
     }
 
     fn decode_mask(&self, path: &Path) -> Result<Raster<1>, Error> {
@@ -355,7 +377,9 @@ struct Source {
     alpha: bool,
     /// True if all pixels had the same alpha, which does not count.
     even: bool,
-    mask: Option<Result<Raster<1>, Error>>,
+    mask: Option<Raster<1>>,
+    /// The fault of a file of a mask that cannot be used.
+    no_mask: Option<String>,
     /// The photo with its mask as a fifth channel, once a view needs it.
     both: Option<Raster<MASKED>>,
 }
@@ -364,7 +388,7 @@ impl Source {
     /// The part that a view shows, with colours weighted by the mask if it counts; see [`View::resample`].
     fn view(&mut self, view: &View, resize: Resize, masked: bool) -> Decoded {
         let pixels = match &self.mask {
-            Some(Ok(mask)) if masked && view.resamples(&self.photo, resize) => {
+            Some(mask) if masked && view.resamples(&self.photo, resize) => {
                 let both = self.both.get_or_insert_with(|| self.photo.masked(mask));
                 view.resample(both, resize, self.alpha).unmasked().pixels
             }
@@ -372,15 +396,8 @@ impl Source {
         };
         let missing = |pixels: &[u8]| pixels.iter().skip(3).step_by(4).map(|&a| f64::from(255 - a) / 255.0).sum();
         let transparent = if self.alpha { missing(&pixels) } else { 0.0 };
-        let (listed, no_mask) = match &mut self.mask {
-            None => (None, None),
-            Some(Ok(mask)) => (Some(view.resample(mask, resize, false).pixels), None),
-            // Masks are decoded as photos are, whose errors name a photo.
-            Some(Err(Error::Photo { path, what } | Error::Unread { path, what })) => {
-                (None, Some(format!("mask {} {what}", path.display())))
-            }
-            Some(Err(other)) => (None, Some(other.to_string())),
-        };
+        let listed = self.mask.as_mut().map(|mask| view.resample(mask, resize, false).pixels);
+        let no_mask = self.no_mask.clone();
         Decoded { pixels, transparent, mask: view.hide(listed, resize), no_mask, by_alpha: view.hides_itself() }
     }
 }

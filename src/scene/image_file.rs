@@ -8,7 +8,7 @@ use std::path::Path;
 use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, RgbaImage};
 
 use super::error::Error;
-use super::image_size::picture_reader;
+use super::image_size::{jpeg_channels, picture_reader};
 use super::jpeg::lacks_data;
 
 /// Decodes a photo or a mask.
@@ -22,7 +22,7 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
         let remedy = if format == GZIPPED {
             format!("unpack it by `gzip -dc < {name} > unpacked && mv unpacked {name}`")
         } else {
-            format!("convert it, with ImageMagick by `magick mogrify -format jpg -quality 95 {name}`")
+            format!("convert it, with ImageMagick: `magick mogrify -format jpg -quality 95 {name}`")
         };
         return Err(Error::unread(path, format!("is {format}, which is not read: {remedy}")));
     }
@@ -40,7 +40,7 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     let decoded = reader.decode().map_err(|e| {
         if is_known && matches!(e, image::ImageError::Unsupported(_)) {
             let name = path.file_name().unwrap_or_default().display();
-            let convert = format!("convert it, with ImageMagick by `magick mogrify -format png {name}`");
+            let convert = format!("convert it, with ImageMagick: `magick mogrify -format png {name}`");
             return Error::unread(path, format!("is in an encoding that is not read ({e}): {convert}"));
         }
         if is_exr && e.to_string().contains("rgb channels") {
@@ -110,6 +110,20 @@ pub(super) const IS_LFS_POINTER: &str = "is a Git LFS pointer, without the file'
 pub(super) fn color_type(path: &Path) -> Option<ColorType> {
     let reader = File::open(path).and_then(|file| picture_reader(BufReader::new(file))).ok()?;
     Some(reader.into_decoder().ok()?.color_type())
+}
+
+/// True if a picture's header announces greys alone, with or without alpha; none if it announces nothing.
+pub(super) fn is_grey(path: &Path) -> Option<bool> {
+    // A JPEG's decoder would read the whole file.
+    let jpeg = jpeg_channels(path).map(|channels| channels == 1);
+    jpeg.or_else(|| color_type(path).map(|kind| !kind.has_color()))
+}
+
+/// True for a PNG whose header announces a palette.
+pub(super) fn is_indexed(path: &Path) -> bool {
+    let mut start = Vec::new();
+    let header = File::open(path).and_then(|file| file.take(26).read_to_end(&mut start));
+    header.is_ok() && start.starts_with(b"\x89PNG") && start.get(25) == Some(&3)
 }
 
 /// True if a photo's header tells a format that is not read, or, of a TIFF, an encoding that is not.

@@ -20,17 +20,26 @@ pub(super) fn picture_reader<R: BufRead + Seek>(mut file: R) -> Result<ImageRead
 /// Width and height in pixels as the header of a photo states them; EXIF orientation is ignored.
 pub(crate) fn image_size(path: &Path) -> Result<(u32, u32), Error> {
     let mut file = BufReader::with_capacity(4096, File::open(path)?);
-    let mut magic = [0; 2];
-    file.read_exact(&mut magic)?;
-    if magic == [0xff, 0xd8] {
-        return jpeg_size(&mut file);
+    if is_jpeg(&mut file)? {
+        return jpeg_frame(&mut file).map(|(width, height, _)| (width, height));
     }
-    file.seek_relative(-2)?;
     picture_reader(file)?.into_dimensions().map_err(|e| Error::new(ErrorKind::InvalidData, e))
 }
 
-/// Walks from marker to marker up to the frame header, or to the end of the file.
-fn jpeg_size(file: &mut BufReader<File>) -> Result<(u32, u32), Error> {
+/// The number of channels of a JPEG as its header states it; none of other files.
+pub(super) fn jpeg_channels(path: &Path) -> Option<u8> {
+    let mut file = BufReader::with_capacity(4096, File::open(path).ok()?);
+    let frame = if is_jpeg(&mut file).ok()? { jpeg_frame(&mut file).ok() } else { None };
+    frame.map(|(_, _, channels)| channels)
+}
+
+/// True at the beginning of a JPEG.
+fn is_jpeg(file: &mut BufReader<File>) -> Result<bool, Error> {
+    Ok(file.fill_buf()?.starts_with(&[0xff, 0xd8]))
+}
+
+/// Walks from marker to marker up to the frame header, or to the end of the file: width, height and number of channels.
+fn jpeg_frame(file: &mut BufReader<File>) -> Result<(u32, u32, u8), Error> {
     loop {
         while byte(file)? != 0xff {}
         let mut marker = byte(file)?;
@@ -42,10 +51,10 @@ fn jpeg_size(file: &mut BufReader<File>) -> Result<(u32, u32), Error> {
             0x00 | 0x01 | 0xd0..=0xd8 => {}
             0xd9 | 0xda => return Err(Error::new(ErrorKind::InvalidData, "no frame header before the image data")),
             0xc0..=0xcf if !matches!(marker, 0xc4 | 0xc8 | 0xcc) => {
-                let mut frame = [0; 7]; // length, precision, height, width
+                let mut frame = [0; 8]; // length, precision, height, width, number of channels
                 file.read_exact(&mut frame)?;
                 let size = |i: usize| u32::from(u16::from_be_bytes([frame[i], frame[i + 1]]));
-                return Ok((size(5), size(3)));
+                return Ok((size(5), size(3), frame[7]));
             }
             _ => {
                 let length = i64::from(u16::from_be_bytes([byte(file)?, byte(file)?]));

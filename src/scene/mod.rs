@@ -52,7 +52,7 @@ pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
 #[cfg(feature = "pipeline")]
 pub(crate) use readers::unread_depth_map;
-pub use readers::{PhotoTree, instead, is_video_name, masks_of, photo_folder, photo_names, read_text};
+pub use readers::{PhotoTree, archive_in, instead, is_video_name, masks_of, photo_folder, photo_names, read_text};
 pub use skipped::{Names, Skipped};
 #[cfg(feature = "pose")]
 pub(crate) use view::is_panorama;

@@ -81,6 +81,9 @@ pub struct View {
     pub image: PathBuf,
     /// The mask's file, if there is one: black pixels are not trained on.
     pub mask: Option<PathBuf>,
+    /// Radius of the circle around the principal point that the photo shows, as a share of its width, if the data set says it: the rest
+    /// is masked.
+    pub circle: Option<f64>,
     /// The depth map's file, if there is one: depths along the photo's axis, or, if the photo is cut into faces, along the rays.
     pub depth: Option<PathBuf>,
     /// The length in world units of a step of the map's numbers, if the data set says it.
@@ -123,6 +126,7 @@ impl View {
             name,
             image: PathBuf::new(),
             mask: None,
+            circle: None,
             depth: None,
             depth_step: None,
             misfit: None,
@@ -173,9 +177,10 @@ impl View {
         self.face.as_ref().map_or(&self.name, |face| &face.photo)
     }
 
-    /// True if a part of the view may not be trained on: by a mask, or because the faces of its photo hide parts of themselves.
+    /// True if a part of the view may not be trained on: by a mask or a circle, or because the faces of its photo hide parts of
+    /// themselves.
     pub fn is_masked(&self) -> bool {
-        self.mask.is_some() || self.hides_itself()
+        self.mask.is_some() || self.circle.is_some() || self.hides_itself()
     }
 
     /// True if it is a face of a photo whose faces hide parts of themselves: around straight down, or beyond a fisheye's rim.

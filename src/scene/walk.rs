@@ -39,33 +39,24 @@ pub fn walk(keys: &[Camera], frames: u32) -> Vec<Camera> {
 
 /// The camera's centre, its turn as a quaternion, and its lens.
 fn numbers(camera: &Camera) -> [f64; NUMBERS] {
-    let centre = camera.centre();
-    let turn = DQuat::from_mat3(&camera.rotation).normalize();
-    [
-        centre.x,
-        centre.y,
-        centre.z,
-        turn.x,
-        turn.y,
-        turn.z,
-        turn.w,
-        camera.focal.x,
-        camera.focal.y,
-        camera.principal.x,
-        camera.principal.y,
-    ]
+    let mut numbers = [0.0; NUMBERS];
+    numbers[..3].copy_from_slice(&camera.centre().to_array());
+    numbers[3..7].copy_from_slice(&DQuat::from_mat3(&camera.rotation).normalize().to_array());
+    numbers[7..9].copy_from_slice(&camera.focal.to_array());
+    numbers[9..].copy_from_slice(&camera.principal.to_array());
+    numbers
 }
 
 fn camera(row: &[f64; NUMBERS], like: &Camera) -> Camera {
-    let turn = DQuat::from_xyzw(row[3], row[4], row[5], row[6]);
+    let turn = DQuat::from_slice(&row[3..]);
     let turn = if turn.length_squared() > 0.0 { turn.normalize() } else { DQuat::IDENTITY };
     let rotation = DMat3::from_quat(turn);
-    let centre = DVec3::new(row[0], row[1], row[2]);
+    let centre = DVec3::from_slice(row);
     Camera {
         rotation,
         translation: -(rotation * centre),
-        focal: DVec2::new(row[7], row[8]),
-        principal: DVec2::new(row[9], row[10]),
+        focal: DVec2::from_slice(&row[7..]),
+        principal: DVec2::from_slice(&row[9..]),
         width: like.width,
         height: like.height,
         whole: None,
@@ -141,7 +132,7 @@ pub struct PathFile {
 pub fn read(path: &Path, frame: &Frame) -> Result<PathFile, Error> {
     let text = read_text(path)?;
     let whole = |what: String| Error::malformed(path, "file", what);
-    let document: Value = serde_json::from_str(&text).map_err(|e| whole(format!("no JSON: {e}")))?;
+    let document: Value = serde_json::from_str(&text).map_err(|e| whole(format!("is not JSON: {e}")))?;
     let every = document["camera_path"].is_array();
     let kind = &document["camera_type"];
     if kind.as_str().is_some_and(|kind| !kind.eq_ignore_ascii_case("perspective")) {
@@ -156,7 +147,7 @@ pub fn read(path: &Path, frame: &Frame) -> Result<PathFile, Error> {
     let (name, read): (_, Reader) = if every { ("camera_path", posed) } else { ("keys", looking) };
     let cameras = document[name].as_array().filter(|list| !list.is_empty());
     let cameras = cameras
-        .ok_or_else(|| whole("it holds no camera: neither `keys` nor `camera_path` is a list with some".into()))?;
+        .ok_or_else(|| whole("it holds no cameras: neither `keys` nor `camera_path` is a list of cameras".into()))?;
     let one = |(i, camera)| read(camera, frame).map_err(|what| Error::malformed(path, format!("{name}[{i}]"), what));
     let fps = document["fps"].as_f64().filter(|fps| (0.1..=1000.0).contains(fps));
     Ok(PathFile { cameras: cameras.iter().enumerate().map(one).collect::<Result<_, _>>()?, every, fps })
@@ -176,7 +167,7 @@ fn looking(key: &Value, frame: &Frame) -> Result<Camera, String> {
     let target = point("target").ok_or("target: write [x, y, z]")?;
     let up = if key["up"].is_null() { frame.up } else { point("up").ok_or("up: write [x, y, z]")? };
     if eye == target {
-        return Err("eye and target are one point".into());
+        return Err("eye and target are the same point".into());
     }
     if up == DVec3::ZERO {
         return Err("up: write a direction, not 0, 0, 0".into());
@@ -190,7 +181,7 @@ fn posed(key: &Value, frame: &Frame) -> Result<Camera, String> {
     // Editors round their matrices to a few decimals.
     let pose = pose::from_opengl_skewed(&rows, 0.04);
     let (rotation, translation) =
-        pose.ok_or("camera_to_world: its axes are not orthogonal and right-handed, or not all its numbers finite")?;
+        pose.ok_or("camera_to_world: its axes are not orthogonal and right-handed, or not all its numbers are finite")?;
     let plain = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, fov(key, frame)?, frame.size.0, frame.size.1);
     Ok(Camera { rotation, translation, ..plain })
 }
@@ -290,11 +281,11 @@ mod tests {
         assert_eq!((sized(&frame).width, sized(&frame).height), (320, 200));
         assert_eq!(sized(&Frame { asked: true, ..frame }).width, 64);
         for (bad, says) in [
-            ("", "no JSON"),
+            ("", "is not JSON"),
             ("{}", "neither"),
             (r#"{"keys": []}"#, "neither"),
             (r#"{"keys": [{"eye": [0, 0], "target": [0, 0, 0]}]}"#, "keys[0]"),
-            (r#"{"keys": [{"eye": [0, 0, 0], "target": [0, 0, 0]}]}"#, "one point"),
+            (r#"{"keys": [{"eye": [0, 0, 0], "target": [0, 0, 0]}]}"#, "the same point"),
             (r#"{"keys": [{"eye": [0, 0, 1], "target": [0, 0, 0], "fov": 200}]}"#, "fov"),
             (r#"{"keys": [{"eye": [0, 0, 1], "target": [0, 0, 0], "fovv": 20}]}"#, "fovv is unknown"),
             (r#"{"keys": [{"eye": [0, 0, 1], "target": [0, 0, 0], "up": [0, 0, 0]}]}"#, "up: write a direction"),

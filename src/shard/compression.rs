@@ -135,7 +135,13 @@ impl CompressPlan {
             (Stage::Score, Some(n)) => {
                 let (compressed, _) = files.model::<Chosen>(CHOOSE)?;
                 let (held_out, photos) = (self.scores().part(n), &self.photos[1]);
-                let views = stages::score(session, &self.model()?, &compressed, config, held_out, photos)?;
+                let mut views = stages::score(session, &self.model()?, &compressed, config, held_out, photos)?;
+                // The model was read from its file, which may have rounded its values.
+                if !files.outputs(CHOOSE).iter().all(|file| formats::is_exact(file)) {
+                    for view in &mut views {
+                        view.scores.written = view.scores.pruned.take();
+                    }
+                }
                 Ok(vec![files.seal(task, &views)?])
             }
             _ => Ok(vec![self.report(session, files)?]),

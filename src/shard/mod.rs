@@ -124,8 +124,10 @@ impl Shard {
             formats::write_atomically(&path, |out| out.write_all(&bytes)).map_err(Error::writing)?;
         }
         let _ = remove(&scratch);
-        let (seconds, memory) = (begun.elapsed().as_secs_f64(), mebibytes(device.memory_used().1));
-        watcher.note(&format!("{task} took {seconds:.1} s and at most {memory} of the device"));
+        let (seconds, most) = (begun.elapsed().as_secs_f64(), device.memory_used().1);
+        let memory =
+            if most == 0 { String::new() } else { format!(" and at most {} of device memory", mebibytes(most)) };
+        watcher.note(&format!("{task} took {seconds:.1} s{memory}"));
         Ok(())
     }
 

@@ -57,7 +57,7 @@ impl Growth {
         let limited = self.gaussians.is_none() && Some(planned) > self.least && taught < f64::from(iterations);
         limited.then(|| {
             format!(
-                "the photos ({photos}) are few for {iterations} iterations; growth is limited to {planned} Gaussians, the number for {taught:.0} iterations",
+                "the photos ({photos}) are few for {iterations} iterations; growth ends at {planned} Gaussians, the number for {taught:.0} iterations, and a model with more does not grow",
             )
         })
     }

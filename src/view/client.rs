@@ -103,6 +103,8 @@ impl Talk<'_> {
                 Err(SocketError::Capacity(_)) => return (CloseCode::Size, "a message has at most 4 kB"),
                 Err(_) => return (CloseCode::Normal, ""),
             }
+            // Asked before the outbox, which then holds the last news.
+            let closed = self.requests.closed();
             loop {
                 match self.outbox.try_recv() {
                     Ok(outgoing) => {
@@ -117,7 +119,7 @@ impl Talk<'_> {
                     Err(TryRecvError::Disconnected) => return (CloseCode::Normal, ""),
                 }
             }
-            if self.requests.closed() {
+            if closed {
                 return (CloseCode::Away, "qirf-vk has ended");
             }
         }
@@ -129,7 +131,7 @@ impl Talk<'_> {
             Ok(Message::Shown(_)) => self.requests.shown(self.id),
             Ok(Message::Control(control)) if self.control => self.requests.control(control),
             Ok(Message::Control(_)) => return Err("this page cannot control the run"),
-            Err(_) => return Err("this page is of another version; reload it"),
+            Err(_) => return Err("this page is from another version; reload it"),
         }
         Ok(())
     }

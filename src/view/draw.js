@@ -7,13 +7,14 @@ const REACH = 14;
 
 /** What the colours of a picture mean. */
 const MEANINGS = {
-  depth: "blue near, red far",
-  error: "blue none, red 0.25",
-  count: "blue none, green 15, red 255 or more",
-  kept: "green kept, yellow merged into a kept one, red dropped",
+  depth: "blue: near, red: far",
+  error: "blue: no difference, red: 0.25",
+  count: "blue: no Gaussians, green: 15, red: 255 or more",
+  kept: "green: kept, yellow: merged into a kept one, red: dropped",
   score: "rank by score: blue lowest, red highest",
   participation: "rank in participation: blue lowest, red highest",
-  guards: "blue seen by no view, orange canonical block, pink repaired block, cyan kept for its detail, grey none of these",
+  guards:
+    "blue: seen by no view, orange: metric not positive definite, pink: numbers not finite, cyan: kept for its detail, grey: none of these",
 };
 
 /** What the colours of a picture mean, of a model that was pruned by a selector or not at all. */

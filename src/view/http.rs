@@ -89,8 +89,10 @@ fn parse(bytes: &[u8]) -> Result<Option<HttpRequest>, Status> {
         return Err(Status::METHOD);
     }
     let text = |value: &[u8]| std::str::from_utf8(value).map(str::to_owned).map_err(|_| Status::BAD);
-    let (path, query) =
-        parsed.path.unwrap_or_default().split_once('?').unwrap_or((parsed.path.unwrap_or_default(), ""));
+    let target = parsed.path.unwrap_or_default();
+    // Proxies send the whole address.
+    let target = target.strip_prefix("http://").map_or(target, |rest| rest.find('/').map_or("/", |at| &rest[at..]));
+    let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let mut request = HttpRequest {
         head: parsed.method == Some("HEAD"),
         path: path.to_owned(),
@@ -164,6 +166,8 @@ mod tests {
         for end in 0..head.len() - 8 {
             assert_eq!(parse(&head[..end]), Ok(None), "{end}");
         }
+        let absolute = parse(b"GET http://127.0.0.1:80/photo/3?a=b HTTP/1.1\r\n\r\n").unwrap().unwrap();
+        assert_eq!((absolute.path, absolute.query), (request.path.clone(), request.query.clone()));
         assert!(!request.head && parse(b"HEAD / HTTP/1.1\r\n\r\n").unwrap().unwrap().head);
         assert_eq!(parse(b"POST / HTTP/1.1\r\n\r\n"), Err(Status::METHOD));
         assert_eq!(parse(b"\0\x01\x02"), Err(Status::BAD));

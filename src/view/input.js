@@ -99,7 +99,10 @@ export function listen() {
   });
   $("checkpoint").addEventListener("click", () => control("checkpoint"));
   $("share").addEventListener("change", () => control({ share: Number($("share").value) }));
-  $("stop").addEventListener("click", () => { if (confirm(state.scene.checkpoints ? "End the run? It can be resumed." : "End it? No model is written.")) control("stop"); });
+  $("stop").addEventListener("click", () => {
+    const run = "Stop the run? It can be resumed.", compression = "Stop the compression? No model will be written.";
+    if (confirm(state.scene.checkpoints ? run : compression)) control("stop");
+  });
 }
 
 function kind() {
@@ -116,7 +119,7 @@ export function home() {
   const { start, target, up } = state.scene;
   if (!start) return;
   choose(-1);
-  state.camera = new Camera(start, target, up);
+  state.camera = new Camera(start, target, up, state.reach);
   change();
 }
 
@@ -135,7 +138,8 @@ export function restore(text) {
   const numbers = (given.get("pose") ?? "").split(",").map(Number);
   if (numbers.length === 9 && numbers.every(Number.isFinite)) {
     const [fov, distance] = numbers.slice(7);
-    state.camera = new Camera({ position: numbers.slice(0, 3), rotation: numbers.slice(3, 7), fov }, [0, 0, 0], state.scene.up);
+    const pose = { position: numbers.slice(0, 3), rotation: numbers.slice(3, 7), fov };
+    state.camera = new Camera(pose, [0, 0, 0], state.scene.up, state.reach);
     state.camera.distance = Math.max(distance, 1e-6);
     change();
   }

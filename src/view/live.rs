@@ -90,10 +90,14 @@ impl<'a> Live<'a> {
             match control {
                 Control::Pause => state.paused = true,
                 Control::Resume => state.paused = false,
-                Control::Checkpoint => state.checkpoint = self.subject.job == Job::Run,
+                Control::Checkpoint if self.subject.job == Job::Run => {
+                    state.checkpoint = true;
+                    let note = json!({ "note": "a checkpoint is written after this iteration" });
+                    self.server.requests().tell(&note.to_string());
+                }
                 Control::Stop => state.stop = true,
                 Control::Share(share) if share.is_finite() => state.share = share.clamp(0.0, MOST_SHARE),
-                Control::Share(_) => {}
+                Control::Checkpoint | Control::Share(_) => {}
             }
         }
         !controls.is_empty()

@@ -1,6 +1,6 @@
 // The viewer's page: asks for pictures over one WebSocket and shows them. Moving pictures are JPEG, still ones lossless.
 
-import { Camera, less, scaled } from "./camera.js";
+import { Camera, length, less, scaled } from "./camera.js";
 import { colours, draw, frustumLength } from "./draw.js";
 import { fragment, home, listen, restore, steer } from "./input.js";
 
@@ -9,6 +9,10 @@ const REST = 150;
 /** Milliseconds before the first attempt to connect again, and at most. */
 const BACK_OFF = [500, 5000];
 const HEADER = 32;
+/** Milliseconds for which a note stays, whatever pictures come. */
+const NOTED = 5000;
+/** What steers a run. */
+const STEERING = ["share", "pause", "checkpoint", "stop"];
 
 export const $ = (id) => document.getElementById(id);
 export const stage = $("stage");
@@ -17,7 +21,7 @@ const picture = $("picture"), photo = $("photo"), lines = $("lines");
 export const state = {
   scene: null, camera: null, photo: -1, model: 0, kind: "colour",
   sent: 0, received: 0, request: null, otherAsked: 0, changed: false, lastChange: 0, stillAsked: true, other: null, shown: null,
-  keys: new Set(), pointers: new Map(), socket: null, wait: BACK_OFF[0], times: [],
+  keys: new Set(), pointers: new Map(), socket: null, wait: BACK_OFF[0], times: [], reach: 0, noted: 0, ended: "",
 };
 globalThis.viewer = state;
 
@@ -159,7 +163,7 @@ function report(frame) {
     `${frame.gaussians.toLocaleString("en")} Gaussians${frame.reduced ? " (a quarter, while moving)" : ""}`,
     `${frame.ms.toFixed(1)} ms to draw${rate > 1 ? `, ${rate.toFixed(0)} pictures/s` : ""}`,
     frame.figure === 1 ? `PSNR ${Number.isFinite(frame.value) ? `${frame.value.toFixed(2)} dB` : "infinite"}` : "",
-    frame.figure === 2 ? `${frame.value.toFixed(1)} Gaussians a pixel on average` : "",
+    frame.figure === 2 ? `${frame.value.toFixed(1)} Gaussians per pixel on average` : "",
     frame.iteration ? `iteration ${frame.iteration}` : "", state.scene.device,
   ].filter(Boolean).join("\n");
 }
@@ -175,7 +179,7 @@ export function choose(n) {
   $("split-label").hidden = !(n >= 0 && state.scene.cameras[n].photo) && state.scene.models.length < 2;
   if (n < 0) return paint();
   const camera = state.scene.cameras[n];
-  state.camera = new Camera(camera, state.camera.target, state.scene.up);
+  state.camera = new Camera(camera, state.camera.target, state.scene.up, state.reach);
   if (camera.photo) Object.assign(photo, { src: `/photo/${n}`, alt: camera.name });
   change();
 }
@@ -197,6 +201,7 @@ export function list(worstFirst) {
     name.className = cameras[n].held_out ? "held-out" : "";
     score.textContent = cameras[n].psnr == null ? "" : cameras[n].psnr.toFixed(2);
     button.title = cameras[n].held_out ? "held out" : "trained on";
+    button.setAttribute("aria-current", String(n === state.photo));
     button.append(name, score);
     button.addEventListener("click", () => choose(n));
     item.append(button);
@@ -251,6 +256,8 @@ export function paused(is) {
 function told(text) {
   const news = JSON.parse(text);
   if (news.error ?? news.note) say(news.error ?? news.note);
+  if (news.note) state.noted = performance.now() + NOTED;
+  if (news.ended) state.ended = news.ended;
   if (news.number != null) state.received = Math.max(state.received, news.number); // no picture comes for this one
   if (news.iteration != null) {
     // The model has changed: a picture of it, once the last one has come.
@@ -265,22 +272,32 @@ function told(text) {
   }
 }
 
+/** Whether the run can be steered. */
+function steering(can) {
+  for (const id of STEERING) $(id).disabled = !can;
+}
+
 function connect() {
   state.received = state.sent; // what was asked for before is lost
   const socket = new WebSocket(`ws://${location.host}/ws`);
   socket.binaryType = "arraybuffer";
   state.socket = socket;
   socket.addEventListener("open", () => {
+    state.ended = "";
+    steering(state.scene.control);
     say(state.scene?.live && !state.frame ? "waiting for the first iteration" : "");
     change();
   });
   socket.addEventListener("message", ({ data }) => {
     if (typeof data === "string") return told(data);
-    say("");
+    if (performance.now() > state.noted) say("");
     receive(socket, data);
   });
   socket.addEventListener("close", ({ reason }) => {
-    say(reason || "no connection to qirf-vk; trying again");
+    // Later attempts to connect have no reason: the first one stays.
+    state.ended ||= reason;
+    say(state.ended || "no connection to qirf-vk; trying again");
+    steering(false);
     setTimeout(again, state.wait);
     state.wait = Math.min(2 * state.wait, BACK_OFF[1]);
   });
@@ -308,14 +325,19 @@ async function begin() {
   const answer = await fetch("/scene.json");
   if (!answer.ok) return say(await answer.text());
   const scene = await answer.json();
-  Object.assign(state, { scene, paints: colours(scene.cameras), length: frustumLength(scene.cameras) });
+  const reach = scene.start ? length(less(scene.start.position, scene.target)) : 0;
+  Object.assign(state, { scene, reach, paints: colours(scene.cameras), length: frustumLength(scene.cameras) });
   document.title = $("title").textContent = scene.title;
   $("run").hidden = !scene.live;
-  for (const id of ["share", "pause", "checkpoint", "stop"]) $(id).disabled = !scene.control;
+  steering(scene.control);
   $("checkpoint").hidden = !scene.checkpoints;
   $("photos").hidden = scene.cameras.length === 0;
   $("sort").hidden = scene.cameras.every((c) => c.psnr == null);
-  if (!scene.models[0]?.pruned_by) for (const option of document.querySelectorAll("#kind .prune")) option.remove();
+  const { pruned_by: pruned, participation } = scene.models[0] ?? {};
+  for (const option of document.querySelectorAll("#kind .prune")) {
+    if (!pruned || (option.value === "participation" && !participation)) option.remove();
+  }
+  if (scene.cameras.length === 0 && scene.models.length < 2) document.querySelector("#kind [value=error]").remove();
   $("models-label").hidden = scene.models.length < 2;
   $("models").replaceChildren(...scene.models.map((m, n) => new Option(`${m.name} (${m.gaussians.toLocaleString("en")})`, n)));
   degrees();

@@ -40,6 +40,8 @@ pub struct Drawn {
 pub struct Painter {
     device: Device,
     renderer: Renderer,
+    /// The background that the model was trained on, or is shown on.
+    background: [f32; 3],
     /// The photo compared with last.
     photo: Option<(usize, Photo)>,
     /// The unchanging model in its last false colours.
@@ -50,7 +52,7 @@ impl Painter {
     /// A painter for models of up to `gaussians` Gaussians; it grows with pictures and models.
     pub fn new(device: &Device, settings: Settings, gaussians: usize) -> Result<Self, Error> {
         let renderer = Renderer::new(device, settings, gaussians, 64, 64)?;
-        Ok(Self { device: device.clone(), renderer, photo: None, painted: None })
+        Ok(Self { device: device.clone(), renderer, background: settings.background, photo: None, painted: None })
     }
 
     /// Draws a request.
@@ -61,8 +63,8 @@ impl Painter {
         let camera = camera(request, subject.capture.as_ref())?;
         let begun = Instant::now();
         self.renderer.set_background(match request.picture {
-            Picture::Colour => request.background.unwrap_or(subject.background),
-            Picture::Error => subject.background,
+            Picture::Colour => request.background.unwrap_or(self.background),
+            Picture::Error => self.background,
             _ => [0.0; 3],
         });
         let reduced = input.reduced.filter(|_| request.picture == Picture::Colour);
@@ -116,7 +118,7 @@ impl Painter {
 
     /// Red, green, blue of each pixel of the model's picture.
     pub fn colours(&mut self, subject: &Subject, model: &Resident, request: &Request) -> Result<Vec<f32>, Error> {
-        self.renderer.set_background(subject.background);
+        self.renderer.set_background(self.background);
         let image = self.renderer.render(model, &camera(request, subject.capture.as_ref())?)?;
         Ok(image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect())
     }
@@ -131,7 +133,10 @@ impl Painter {
             Some(colours) => colours,
             None if picture == Picture::Blocks => paint::blocks(&self.means(input.whole)?),
             None => {
-                let why = "this picture is of a prune: `qirf-vk view MODEL --diagnostics FILE`";
+                let why = match input.facts {
+                    Some(_) => "this prune has no participation, as its selector solves no blocks",
+                    None => "this picture is of a prune: `qirf-vk view MODEL --diagnostics FILE`",
+                };
                 return Err(Error::Usage(why.into()));
             }
         };
@@ -159,8 +164,8 @@ impl Painter {
             Some((at, photo)) if at == n => photo,
             _ => capture.photo(n)?,
         };
-        hide(rendered, weights(&photo)?.as_deref(), subject.background);
-        let truth = truth(&photo, subject.background);
+        hide(rendered, weights(&photo)?.as_deref(), self.background);
+        let truth = truth(&photo, self.background);
         self.photo = Some((n, photo));
         truth
     }

@@ -156,6 +156,11 @@ impl Requests {
         }
     }
 
+    /// Tells every client how the job has ended: what pages then show in place of a lost connection.
+    pub fn tell_end(&self, how: &str) {
+        self.tell(&json!({ "ended": how }).to_string());
+    }
+
     fn send(&self, id: u64, what: Outgoing) {
         if let Some(client) = self.clients().by_id.get(&id) {
             let _ = client.outbox.send(what);

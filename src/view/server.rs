@@ -71,7 +71,7 @@ impl Server {
         let wanted = SocketAddr::new(options.host, options.port);
         let refused = |e: io::Error| {
             Error::Usage(if e.kind() == io::ErrorKind::AddrNotAvailable {
-                format!("cannot listen: {} is no address of this machine; choose another --host", options.host)
+                format!("cannot listen: {} is not an address of this machine; choose another --host", options.host)
             } else {
                 format!("cannot listen on {wanted}: {e}; choose another --port")
             })

@@ -135,6 +135,7 @@ impl Subject {
             json!({
                 "name": m.name, "gaussians": m.gaussians.len(), "degree": m.gaussians.degree(),
                 "mode": m.style.mode().to_string(), "pruned_by": m.facts.as_ref().map(|f| f.selector.to_string()),
+                "participation": m.facts.as_ref().is_some_and(|f| !f.participation.is_empty()),
                 "shift": m.shift.to_array(),
             })
         };

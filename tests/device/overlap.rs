@@ -53,16 +53,7 @@ fn errors(device: &Device, rows: &[Row], metric: Metric) -> (Vec<f64>, usize, f6
 #[test]
 fn dilation_is_a_sphere_added() {
     let device = device();
-    let mut r = Random(3);
-    let rows: Vec<Row> = (0..600)
-        .map(|_| {
-            (
-                [0; 3].map(|_| r.within(-1.0, 1.0) as f32),
-                [0; 3].map(|_| r.within(-6.0, 0.0) as f32),
-                [0; 4].map(|_| r.within(-1.0, 1.0) as f32),
-            )
-        })
-        .collect();
+    let (rows, _) = blocks(&[600], 3);
     for dilation in [1e-4_f32, 0.3, 1e3] {
         let (errors, nans, felt) = errors(&device, &rows, Metric { dilation, ..Metric::default() });
         println!("dilation {dilation}: worst error {:.1e}, {felt:.2} felt", errors[errors.len() - 1]);

@@ -1,5 +1,6 @@
 //! Pictures drawn in parts, from the Gaussians that each part may show: the same bits as the whole.
 
+use super::rasterise::render as whole;
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish, opened};
 use bytemuck::cast_slice;
@@ -49,12 +50,6 @@ fn cameras() -> Vec<Camera> {
 fn same(a: &Image, b: &Image) -> bool {
     let bits = |image: &Image| image.pixels.iter().flatten().map(|v| v.to_bits()).collect::<Vec<_>>();
     (a.width, a.height) == (b.width, b.height) && bits(a) == bits(b)
-}
-
-fn whole(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings) -> Image {
-    let resident = Resident::upload(device, model).unwrap();
-    let mut renderer = Renderer::new(device, settings, model.len(), camera.width, camera.height).unwrap();
-    renderer.render(&resident, camera).unwrap()
 }
 
 #[test]

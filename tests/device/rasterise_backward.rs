@@ -1,7 +1,7 @@
-//! The backward pass on the device, against golden gradients, another engine's gradients, and the float64 twin's.
+//! The backward pass on the device, against golden gradients and the float64 twin's.
 
 use super::bin::crowd_of_all_sizes;
-use crate::support::golden::{Case, Fixture};
+use crate::support::golden::Case;
 use crate::support::gradient_bounds::{gradient_bounds, within};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish, opened, relative};
@@ -15,15 +15,8 @@ use qirf_vk::scene::camera::Camera;
 use qirf_vk::selftest::backward::{Drawn, expected, there_and_back_as, twin, weights};
 
 /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, computed on the device.
-fn gradients(
-    device: &Device,
-    model: &Gaussians,
-    camera: &Camera,
-    settings: Settings,
-    weights: &[[f32; 4]],
-    through_direction: bool,
-) -> Params {
-    drawn(device, model, camera, settings, weights, Backward { through_direction, ..Backward::default() }).gradients
+fn gradients(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings, weights: &[[f32; 4]]) -> Params {
+    drawn(device, model, camera, settings, weights, Backward::default()).gradients
 }
 
 fn drawn(
@@ -83,7 +76,7 @@ fn golden_gradients() {
                 .chunks_exact(3)
                 .map(|w| [w[0] as f32, w[1] as f32, w[2] as f32, 0.0])
                 .collect();
-            sum.add(&gradients(&device, &case.model, camera, settings, &weights, true));
+            sum.add(&gradients(&device, &case.model, camera, settings, &weights));
             let weights: Vec<_> = weights.iter().map(|w| w.map(f64::from)).collect();
             bounds.add(&gradient_bounds(&exact, camera, &case.settings, &weights));
         }
@@ -97,26 +90,6 @@ fn golden_gradients() {
         );
         within(&case.name, &sum, &expected, &bounds, 0.5);
     }
-    finish(&device);
-}
-
-#[test]
-fn another_engines_gradients() {
-    for (name, fixture) in Fixture::all() {
-        differentiates_as_another_engine(name, &fixture);
-    }
-}
-
-fn differentiates_as_another_engine(name: &str, fixture: &Fixture) {
-    let device = device();
-    let weights: Vec<[f32; 4]> =
-        fixture.get("v_out_img").chunks_exact(4).map(|w| [w[0], w[1], w[2], w[3]].map(|x| x as f32)).collect();
-    let settings = Settings { near: 0.01, ..Settings::default() };
-    let mut got = gradients(&device, &fixture.model, &fixture.camera, settings, &weights, false);
-    let get = |key: &str| fixture.get(key);
-    let sh = bands(get("v_coeffs"), 3);
-    let mut expected = params(get("v_means"), get("v_scales"), get("v_quats"), get("v_opacities"), sh);
-    compare(name, &mut got, &mut expected, 1e-4);
     finish(&device);
 }
 
@@ -145,7 +118,7 @@ fn project_backward_and_rasterise_backward_give_the_twins_gradients() {
             let model = narrowed(&random_scene(&camera, seed));
             let weights = weights(&camera, seed);
             let settings = Style { antialias, ..Style::default() }.over([0.3, 0.6, 0.1]);
-            let got = gradients(&device, &model, &camera, settings, &weights, true);
+            let got = gradients(&device, &model, &camera, settings, &weights);
             let name = format!("seed {seed}, antialias {antialias}");
             each_within(&name, &got, &model, &camera, settings, &weights);
         }
@@ -191,7 +164,7 @@ fn the_twins_gradients_at_any_size() {
         let model = narrowed(&random_scene(&camera, 6));
         let weights = weights(&camera, 7);
         let (name, settings) = (format!("{width}x{height}"), Settings::default());
-        let got = gradients(&device, &model, &camera, settings, &weights, true);
+        let got = gradients(&device, &model, &camera, settings, &weights);
         let expected = each_within(&name, &got, &model, &camera, settings, &weights);
         assert!(expected.means.as_flattened().iter().any(|g| *g != 0.0), "{name}: something is drawn");
     }
@@ -214,7 +187,7 @@ fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> 
     let sh = vec![(0..3 * count).map(|_| if alike { 1.3 } else { r.within(-1.5, 1.5) as f32 }).collect()];
     let model = Gaussians { sh, ..Gaussians::balls(vec![[0.0, 0.0, 2.0]; count], -1.0, logit, 0) };
     let settings = Settings { stop, ..Settings::default() };
-    let got = gradients(device, &model, &camera, settings, &[[1.0, 1.0, 1.0, 0.0]], true);
+    let got = gradients(device, &model, &camera, settings, &[[1.0, 1.0, 1.0, 0.0]]);
     let expected = expected(&model, &camera, settings, &[[1.0, 1.0, 1.0, 0.0]]);
     let twin = reference::render(&Params::from(&model), &camera, &twin(settings));
     let worth = twin.projected.iter().flatten().fold(0.0, |m: f64, p| m.max(p.colour.element_sum()));

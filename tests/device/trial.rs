@@ -30,7 +30,7 @@ fn found(effects: &[synth::Effect], wrong: f64, exposure: Choice) -> (Option<f64
         point.track.clear();
         point.error = 0.0;
     }
-    let start = Start::of(&config, &opened.scene, 64 * 48).unwrap();
+    let start = Start::of(&config, &opened.scene, 64 * 48, &Silent).unwrap();
     let mut prepared = opened.load_to_train(PhotoMemory::default(), &Silent).unwrap();
     let (mut decisions, _) = decide(&prepared, &config).unwrap();
     let undecided = [Effect::Exposure, Effect::Poses].map(|effect| untold(&decisions, effect));

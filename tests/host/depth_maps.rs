@@ -142,6 +142,24 @@ fn many_points_without_tracks_tell_the_scale() {
     }
 }
 
+/// A map from which its points deviate, as those that a wall hides do, is no judge of its own scale, if the others have one.
+#[test]
+fn a_map_far_from_its_points_gets_the_scale_of_the_others() {
+    let (folder, folder_of_maps) = with_maps();
+    wall(folder.path(), true, 0.0);
+    npy(&folder_of_maps.join("a.npy"), |_, _| 4.0);
+    npy(&folder_of_maps.join("c.npy"), |x, _| 4.0 / if x < 26 { 1.3 } else { [1.5, 1.7][usize::from(x > 28)] });
+    for (b, scales, lent) in [(4.0, "1.000 to 1.000", true), (2.0, "1.000 to 2.000", false)] {
+        npy(&folder_of_maps.join("b.npy"), |_, _| b);
+        let maps = depth_maps::of_views(&open(folder.path()), &[0, 1, 2], Resize::Full);
+        let told = maps.notes.join("; ");
+        let unit = maps.of("c.jpg").unwrap().unit;
+        assert_eq!((unit - 1.0).abs() < 1e-9, lent, "{unit}: {told}");
+        assert_eq!(told.contains("1 depth map too far from the points to tell a scale"), lent, "{told}");
+        assert!(told.contains(&format!("from 3 depth maps, scales {scales}")), "{told}");
+    }
+}
+
 #[test]
 fn maps_that_fit_no_scale_or_cannot_be_read_are_left_out_and_told() {
     let (folder, folder_of_maps) = with_maps();

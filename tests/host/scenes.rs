@@ -335,6 +335,7 @@ fn bad_records_are_refused_or_counted() {
         (changed(|m| m.images[2].3 = 999), "refers to camera 999", "image 102"),
         (changed(|m| m.images[4].4 = m.images[2].4.clone()), "listed twice", "view97.jpg"),
         (changed(|m| m.cameras[1].0 = 7), "camera 7 is listed twice", "cameras"),
+        (changed(|m| m.images[1].0 = m.images[0].0), "has the id of image", "image 100"),
         (changed(|m| m.cameras.iter_mut().for_each(|c| c.2 = 0)), "image size 0 x 480", "cameras"),
         (changed(|m| m.cameras.iter_mut().for_each(|c| c.4[0] = f64::NAN)), "focal lengths NaN", "cameras"),
         (changed(|m| m.images.clear()), "no usable view", "images"),
@@ -390,7 +391,7 @@ fn transforms_faults_name_the_frame() {
     says(&message(attempt("{\n\"frames\": [NAN]}")), &["line 2", "not JSON"]);
     says(&message(attempt("{}")), &["frames"]);
     says(&message(attempt(&format!("{{{size}, \"frames\": [{{\"file_path\": 3}}]}}"))), &["frame 1"]);
-    says(&message(attempt(&format!("{{\"fl_x\": 50, \"frames\": [{}]}}", frame("")))), &["frame 1", "no w and h"]);
+    says(&message(attempt(&format!("{{\"fl_x\": 50, \"frames\": [{}]}}", frame("")))), &["frame 1", "neither w nor h"]);
     says(&message(attempt(&format!("{{\"w\": 6, \"h\": 4, \"frames\": [{}]}}", frame("")))), &["fl_x"]);
     let fishy = frame(r#", "camera_model": "FISHY""#);
     says(&message(attempt(&format!("{{{size}, \"frames\": [{fishy}]}}"))), &["frame 1", "FISHY"]);

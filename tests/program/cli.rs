@@ -48,7 +48,7 @@ impl Sandbox {
     /// The program in the folder.
     pub(super) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = qirf(arguments);
-        command.current_dir(self.folder.path()).env("QIRF_VALIDATION", "1");
+        command.current_dir(self.folder.path());
         command
     }
 
@@ -68,6 +68,12 @@ impl Sandbox {
     #[track_caller]
     pub(super) fn works(&self, arguments: &[&str]) -> Ended {
         self.run(arguments).with(0, &[])
+    }
+
+    /// Like [`Self::works`], under validation layers.
+    #[track_caller]
+    pub(super) fn validated(&self, arguments: &[&str]) -> Ended {
+        end(self.command(arguments).env("QIRF_VALIDATION", "1")).with(0, &[])
     }
 
     /// Converts a model without measuring the loss, for which many pictures are drawn: there is no such device.

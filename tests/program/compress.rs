@@ -352,6 +352,7 @@ fn interrupted(selector: Selector) {
             background: [0.0; 3],
         },
         style: Style::default(),
+        exposure: false,
         fine_tune: 20,
         seed: 1,
     };

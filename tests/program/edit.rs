@@ -67,18 +67,8 @@ fn a_turned_model_shows_turned_colours() {
     let sandbox = Sandbox::new();
     sandbox.works(&["edit", "model.ply", "-o", "turned.ply", "--rotate", "1,2,3:40", "--scale", "2", "--up", "y"]);
     fs::write(sandbox.path("m.json"), "[[0,-1,0,1],[1,0,0,2],[0,0,1,3],[0,0,0,1]]").unwrap();
-    sandbox.works(&[
-        "edit",
-        "model.ply",
-        "-o",
-        "quarter.ply",
-        "--matrix",
-        "m.json",
-        "--order",
-        "morton",
-        "--order",
-        "none",
-    ]);
+    let orders = ["--matrix", "m.json", "--order", "morton", "--order", "none"];
+    sandbox.works(&[&["edit", "model.ply", "-o", "quarter.ply"][..], &orders].concat());
     let (before, after) = (model(20), read(&sandbox, "turned.ply"));
     let size = |m: &[f32; 3]| m.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt();
     for i in 0..20 {
@@ -95,6 +85,16 @@ fn a_turned_model_shows_turned_colours() {
     let expected = |m: &[f32; 3]| [1.0 - m[1], 2.0 + m[0], 3.0 + m[2]];
     let near = |a: [f32; 3], b: &[f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
     assert!(before.means.iter().all(|m| quarter.means.iter().any(|q| near(expected(m), q))));
+}
+
+#[test]
+fn sizes_that_the_format_cuts_off_are_told() {
+    let sandbox = Sandbox::new();
+    let mut thin = model(20);
+    thin.log_scales[3] = [-9.0; 3];
+    write(&sandbox, "thin.ply", &thin, RenderMode::Plain);
+    let ran = sandbox.works(&["edit", "thin.ply", "-o", "thin.spz", "--scale", "0.1"]);
+    assert!(ran.said.contains("thin.spz: 1 Gaussian is smaller or larger than"), "{}", ran.said);
 }
 
 #[test]
@@ -270,7 +270,7 @@ fn floaters_go_by_what_photos_show() {
     let scene = ["--scene", "round"];
     let clean = |name: &str, options: &[&str]| {
         let line = ["edit", name, "-o", "clean.ply", "--remove", "floaters", "--json"];
-        sandbox.works(&[&line[..], options].concat()).json()
+        sandbox.validated(&[&line[..], options].concat()).json()
     };
     assert_eq!(clean("ball.ply", &scene)["steps"][0]["removed"], 0, "a model that agrees with its photos");
     // In empty space, before the second camera, far behind, and where no camera looks.

@@ -74,6 +74,22 @@ pub fn copy(from: &Path, to: &Path) {
     }
 }
 
+/// Multiplies the lengths of a COLMAP model in text by a factor.
+pub fn rescale(model: &Path, factor: f64) {
+    for (file, first) in [("images.txt", 5), ("points3D.txt", 1)] {
+        let scaled = |line: &str| {
+            let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+            // Lines of observations stay.
+            if !line.starts_with('#') && (first == 1 || line.contains(".png")) {
+                words[first..first + 3].iter_mut().for_each(|w| *w = (factor * w.parse::<f64>().unwrap()).to_string());
+            }
+            words.join(" ") + "\n"
+        };
+        let text = fs::read_to_string(model.join(file)).unwrap();
+        fs::write(model.join(file), text.lines().map(scaled).collect::<String>()).unwrap();
+    }
+}
+
 /// Every file below a folder with its content; none if there is no folder.
 pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();

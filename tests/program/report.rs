@@ -2,7 +2,7 @@
 
 use super::ended::{capture, qirf, works};
 use super::html::{Html, parse};
-use qirf_vk::gpu::{DeviceClass, DeviceInfo, DeviceKind, TunedDevice, Tuning};
+use qirf_vk::gpu::{self, DeviceClass, DeviceInfo, TunedDevice, Tuning};
 use qirf_vk::job::Output;
 use qirf_vk::job::records::{
     CameraErrors, Counts, CurvePoint, Guards, Memory, Protocol, PruneGuards, PruneRecord, PruneSeconds, RankRecord,
@@ -64,27 +64,9 @@ fn tuned() -> TunedDevice {
     TunedDevice {
         tuning: Tuning::new(DeviceClass::Cpu, 8, 1024),
         info: DeviceInfo {
-            index: 0,
             name: "Device <&>".into(),
-            kind: DeviceKind::Cpu,
-            class: DeviceClass::Cpu,
             driver: "driver \"1\"".into(),
-            api: "1.3".into(),
-            subgroup_size: 8,
-            subgroup_range: [8, 8],
-            max_buffer_bytes: 1,
-            max_storage_buffers: 1,
-            push_bytes: 1,
-            memory_bytes: 1,
-            shared_bytes: 1,
-            max_workgroup: 1,
-            timestamp_period: 1.0,
-            optional: Vec::new(),
-            vendor: 0,
-            uuid: None,
-            pci: None,
-            hidden_by: None,
-            missing: None,
+            ..gpu::list().expect("Vulkan").swap_remove(0)
         },
     }
 }
@@ -335,7 +317,7 @@ fn plots_are_sound_on_their_own() {
     let named = |value: f64| Bar { name: EVIL.into(), value, text: EVIL.into() };
     let bars = bars("bars", &[named(1.0), named(-1.0), named(f64::INFINITY)]);
     let body = page::side_by_side(&[lines.drawing().figure(), front.drawing().figure(), columns.draw(), bars.figure()]);
-    let html = sound(&page::page(EVIL, EVIL, &[page::Section::new("plots", "Plots", body)]));
+    let html = sound(&page::page(EVIL, EVIL, &[page::Section("plots", "Plots", body)]));
     assert_eq!(html.texts("h1"), [EVIL]);
     assert_eq!((html.select("svg[role=img]").len(), html.select(".legend").len()), (4, 2));
 }

@@ -3,6 +3,7 @@
 use super::ended::{copy, end, qirf, works};
 use super::run::{command, finished, metrics, model, scene};
 use qirf_vk::job::Output;
+use qirf_vk::train::checkpoint::Snapshot;
 use std::ffi::OsStr;
 use std::path::Path;
 use std::process::Command;
@@ -37,32 +38,6 @@ fn a_resumed_run_keeps_its_tuning() {
     refused("scan_workgroup=7", "scan_workgroup");
 }
 
-/// Half of a run on one photo, and half on another under its name, reproduces nothing.
-#[test]
-fn photos_that_changed_are_named() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = scene(folder.path());
-    let out = folder.path().join("out");
-    end(command(&scene, &out, &[]).env("QIRF_DEVICE_FAULT", "wait:120:lost")).with(4, &[]);
-    let refused = |name: &str| says(&mut command(&scene, &out, &["--resume"]), 2, &[name, "changed since then"]);
-    for name in ["view_0003.png", "view_0008.png"] {
-        let photo = scene.join("images").join(name);
-        let before = std::fs::read(&photo).unwrap();
-        let mut changed = image::open(&photo).unwrap().into_rgb8();
-        changed.get_pixel_mut(7, 5).0[1] ^= 64;
-        changed.save(&photo).unwrap();
-        refused(name);
-        std::fs::write(&photo, before).unwrap();
-    }
-    std::fs::create_dir(scene.join("masks")).unwrap();
-    let mut mask = image::GrayImage::from_pixel(48, 36, image::Luma([255]));
-    mask.get_pixel_mut(9, 9).0[0] = 0;
-    mask.save(scene.join("masks/view_0002.png")).unwrap();
-    refused("view_0002.png");
-    std::fs::remove_dir_all(scene.join("masks")).unwrap();
-    works(&mut command(&scene, &out, &["--resume"]));
-}
-
 fn says(command: &mut Command, code: i32, parts: &[&str]) {
     end(command).with(code, parts);
 }
@@ -85,18 +60,46 @@ fn an_interrupted_run_is_not_overwritten_and_other_options_are_named_at_once() {
     std::fs::rename(&photo, &aside).unwrap();
     says(&mut command(&scene, &out, &["--resume"]), 2, &["photos to train on were", "view_0001.png is missing"]);
     std::fs::rename(&aside, &photo).unwrap();
+    // Half of a run on one photo, and half on another under its name, reproduces nothing.
+    let refused = |name: &str| says(&mut command(&scene, &out, &["--resume"]), 2, &[name, "changed since then"]);
+    for name in ["view_0003.png", "view_0008.png"] {
+        let photo = scene.join("images").join(name);
+        let before = std::fs::read(&photo).unwrap();
+        let mut changed = image::open(&photo).unwrap().into_rgb8();
+        changed.get_pixel_mut(7, 5).0[1] ^= 64;
+        changed.save(&photo).unwrap();
+        refused(name);
+        std::fs::write(&photo, before).unwrap();
+    }
+    std::fs::create_dir(scene.join("masks")).unwrap();
+    let mut mask = image::GrayImage::from_pixel(48, 36, image::Luma([255]));
+    mask.get_pixel_mut(9, 9).0[0] = 0;
+    mask.save(scene.join("masks/view_0002.png")).unwrap();
+    refused("view_0002.png");
+    std::fs::remove_dir_all(scene.join("masks")).unwrap();
     let claimed = Output::claim(&out).unwrap();
     for mut busy in [command(&scene, &out, &[]), command(&scene, &out, &["--resume"])] {
         says(&mut busy, 2, &["another process is working in", "wait until it ends"]);
     }
     drop(claimed);
-    assert!(before == checkpoint(), "nor does one beside another process");
-    std::fs::remove_file(out.join("config.toml")).unwrap();
+    assert!(before == checkpoint(), "nor does one with other photos or beside another process");
+    // The run's options are those in its checkpoint.
+    let config = out.join("config.toml");
+    let text = std::fs::read_to_string(&config).unwrap();
+    std::fs::write(&config, text.replace("seed = 1\n", "seed = 4\n")).unwrap();
+    let mut edited = qirf(["run", "--resume", "--config"]);
+    edited.arg(&config).arg("-o").arg(&out);
+    says(&mut edited, 2, &["seed was 1, is 4", "config.toml no longer names: it was changed", "To begin anew, delete"]);
+    // So are the figures of its earlier parts.
+    let mut state = Snapshot::read(&out.join("checkpoint.safetensors")).unwrap();
+    state.notes.insert("peak".to_owned(), (1_u64 << 40).to_string());
+    state.write(&out.join("checkpoint.safetensors")).unwrap();
     // Another spelling of the scene is the same run.
     let spelt = folder.path().join("out/../scene/");
     works(&mut command(&spelt, &out, &["--resume"]));
     assert_eq!(model(&finished().out), model(&out));
-    assert!(out.join("config.toml").is_file(), "written again from the checkpoint");
+    assert_eq!(std::fs::read_to_string(&config).unwrap(), text, "written again from the checkpoint");
+    assert_eq!(metrics(&out)["memory"]["peak_bytes"], 1_u64 << 40);
 }
 
 #[test]

@@ -66,8 +66,9 @@ fn a_run_too_short_for_its_prune_says_so() {
     for (iterations, told) in [("1", true), ("2", false)] {
         let out = folder.path().join(iterations);
         let mut short = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &*out]);
-        let ended = works(short.args(["--iterations", iterations, "--no-report"]));
+        let ended = works(short.args(["--iterations", iterations, "--no-report", "--grow-to", "500"]));
         assert_eq!(ended.said.contains("the model is not pruned"), told, "{}", ended.said);
+        assert!(ended.said.contains("--grow-to 500: the model grew to "), "{}", ended.said);
     }
 }
 
@@ -77,6 +78,7 @@ fn a_run_leaves_what_reproduces_it() {
     let (first, second) = (&finished().out, folder.path().join("second"));
     let metrics = self::metrics(first);
     assert_eq!(finished().ended.json(), metrics);
+    assert!(finished().ended.said.contains(" MiB of device memory, of "), "{}", finished().ended.said);
     for key in ["/test/psnr", "/test/ssim", "/gaussians/dense", "/gaussians/final", "/time/total_s", "/curve/0/psnr"] {
         assert!(metrics.pointer(key).is_some_and(serde_json::Value::is_number), "{key}");
     }
@@ -270,8 +272,8 @@ fn memory_is_estimated_before_the_start() {
     // The advised size works, and the run's peak is within its estimate.
     let advised = said.split("--max-gaussians ").nth(1).and_then(|t| t.split(',').next()).expect("advice").to_owned();
     println!("advised {advised}");
-    let fitting = ["--memory-budget", "40M", "--max-gaussians", &advised, "--init", "random", "--init-count", "20000"];
-    works(&mut command(&scene, &out, &fitting));
+    let fitting = ["--iterations", "60", "--memory-budget", "40M", "--max-gaussians", &advised, "--init", "random"];
+    works(qirf(["run"]).arg(&scene).arg("-o").arg(&out).args(fitting).args(["--init-count", "20000"]));
     let memory = &metrics(&out)["memory"];
     let [estimated, peak, limit] =
         ["estimated_bytes", "peak_bytes", "limit_bytes"].map(|k| memory[k].as_u64().unwrap_or_else(|| panic!("{k}")));

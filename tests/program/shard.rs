@@ -78,7 +78,7 @@ impl Stage {
         task["state"].as_str().unwrap().to_owned()
     }
 
-    /// Does tasks one by one in a random order that their needs allow.
+    /// Does all tasks of a plan one by one in a random order that their needs allow.
     pub fn shuffled(
         &self,
         folder: &str,
@@ -93,8 +93,9 @@ impl Stage {
             let next = ready[(random.unit() * ready.len() as f64) as usize];
             let (id, ..) = open.remove(next);
             works(prepare(&mut self.command(&["shard", "task", folder, &id])));
-            assert_eq!(self.status(folder, &id), "done");
         }
+        let list = self.works(&["shard", "status", folder, "--json"]).json();
+        assert!(list["tasks"].as_array().unwrap().iter().all(|task| task["state"] == "done"), "{list:#}");
     }
 
     /// The result of a folder is that of the undivided compression.
@@ -117,6 +118,17 @@ fn undivided() -> &'static (Vec<u8>, Value) {
         let record = stage.works(&job).json();
         (fs::read(stage.path("small.ply")).unwrap(), record)
     })
+}
+
+/// The figures of a divided compression to PLY are those of the whole, but for the scores of the file, which are those of the model.
+#[track_caller]
+fn same_figures(parts: &Value, whole: &Value) {
+    let mut whole = whole.clone();
+    whole["test"]["written"] = Value::Null;
+    whole["views"].as_array_mut().unwrap().iter_mut().for_each(|view| view["written"] = Value::Null);
+    for name in ["test", "views", "protocol"] {
+        assert_eq!(parts[name], whole[name], "{name}");
+    }
 }
 
 pub(super) fn flip(path: &Path, at: usize) {
@@ -147,12 +159,31 @@ fn tasks_in_any_order_have_the_bytes_of_the_whole() {
     }
     let whole = &undivided().1;
     for parts in &figures {
-        for name in ["test", "views", "protocol"] {
-            assert_eq!(parts[name], whole[name], "{name}");
-        }
+        same_figures(parts, whole);
         assert_eq!(parts["prune"]["pairs"], whole["prune"]["pairs"]);
     }
     assert_eq!(figures[0], figures[1]);
+}
+
+/// The bytes of the whole also in a format that rounds values; scores are then those of the file.
+#[test]
+fn a_format_that_rounds_values_has_the_scores_of_its_file() {
+    let stage = Stage::empty();
+    ball(&stage.path(""));
+    let job = ["compress", "ball.ply", "--views", "10", "--size", "40x30"];
+    let whole = stage.works(&[&job[..], &["-o", "small.compressed.ply", "--json"]].concat()).json();
+    stage.planned("p", &[&job[..], &["--name", "m.compressed.ply"]].concat());
+    stage.works(&["shard", "all", "p"]);
+    let read = |name: &str| fs::read(stage.path(name)).unwrap();
+    assert!(read("p/m.compressed.ply") == read("small.compressed.ply"));
+    let parts: Value = serde_json::from_slice(&read("p/metrics.json")).unwrap();
+    assert!(parts["test"]["written"]["psnr"].is_number() && parts["test"]["pruned"].is_null(), "{}", parts["test"]);
+    assert_eq!(parts["test"]["written"], whole["test"]["written"]);
+    // Pictures would choose the precision.
+    for name in ["m.spz", "m.sog"] {
+        let says = [name, "by pictures", "`qirf-vk convert`"];
+        stage.refused(2, &says, &["shard", "plan", "compress", "ball.ply", "-o", "q", "--name", name]);
+    }
 }
 
 #[test]
@@ -220,9 +251,10 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     stage.works(&[
         "shard", "plan", "compress", "ball.ply", "-o", "b", "--views", "40", "--size", "72x56", "--keep", "0.3",
     ]);
-    let job = ["shard", "plan", "compress", "ball.ply", "-o", "c", "--selector", "css", "--detail", "0.9"];
+    let job = ["shard", "plan", "compress", "ball.ply", "-o", "c d", "--selector", "css", "--detail", "0.9"];
     let said = stage.works(&[&job[..], &OPTIONS].concat()).said;
     assert!(said.contains("--detail 0.9 would reserve ") && said.contains(" are reserved, a fifth of the "), "{said}");
+    assert!(said.contains("qirf-vk shard all 'c d', or snakemake -d 'c d' "), "{said}");
     fs::create_dir(stage.path("b/evidence")).unwrap();
     for n in ["0000", "0001", "0002"] {
         let part = format!("evidence/{n}.safetensors");
@@ -273,7 +305,7 @@ fn work_is_verified_by_doing_it_again() {
     stage.refused(3, &["choose is not done; run `qirf-vk shard task v choose`"], &["shard", "task", "v", "report"]);
     stage.works(&["shard", "all", "v"]);
     let told = stage.works(&["shard", "verify", "v", "--share", "1"]).out;
-    assert!(told.contains("5 tasks of 5 repeated: the same bytes (report is not repeated"), "{told}");
+    assert!(told.contains("5 of 5 tasks repeated: the bytes are the same (report is not repeated"), "{told}");
 
     let path = stage.path("v/score/0000.json");
     reseal(&path, |scores| scores[0]["scores"]["pruned"]["ssim"] = 0.123.into());
@@ -296,7 +328,7 @@ fn tasks_decode_their_own_photos() {
     let mut stage = Stage::empty();
     stage.works(&["synth", "capture", "--views", "30", "--size", "64x48", "--points", "600"]);
     stage.works(&["run", "capture", "-o", "trained", "--iterations", "60", "--no-prune"]);
-    let job = ["compress", "trained/model.ply", "--scene", "capture", "--selector", "css"];
+    let job = ["compress", "trained/model.ply", "--scene", "capture", "--selector", "css", "--exposure"];
     let whole = stage.works(&[&job[..], &["-o", "small.ply", "--json"]].concat()).json();
     stage.right = fs::read(stage.path("small.ply")).unwrap();
     let tasks = stage.planned("a", &job);
@@ -304,10 +336,7 @@ fn tasks_decode_their_own_photos() {
     stage.shuffled("a", tasks, 3, |command| command);
     stage.is_right("a");
     let read = |name: &str| serde_json::from_slice::<Value>(&fs::read(stage.path(name)).unwrap()).unwrap();
-    let parts = read("a/metrics.json");
-    for name in ["test", "views", "protocol"] {
-        assert_eq!(parts[name], whole[name], "{name}");
-    }
+    same_figures(&read("a/metrics.json"), &whole);
 
     let plan = read("a/plan.json");
     let photos = &plan["job"]["compression"]["photos"];

@@ -1,10 +1,11 @@
 //! Files of a wanted size or PSNR, pages, copies, and curves of quality against bytes.
 
 use super::compress::{CLONES, SITES, ball, compressed, count, saved, small};
-use super::ended::{Ended, end, qirf};
+use super::ended::{Ended, end, qirf, works};
 use super::html::parse;
 use qirf_vk::gaussians::{Gaussians, formats};
 use serde_json::Value;
+use std::ffi::OsStr;
 
 /// Files of 95 to 100 % of the size in at most nine trials, the same ones again; the line says what was chosen.
 #[test]
@@ -25,7 +26,7 @@ fn files_have_the_size_that_was_asked_for() {
     }
     let (first, again) = (folder.path().join("a.sog"), folder.path().join("b.sog"));
     let said = compressed(&model, &again, &["--views", "16", "--size", "64x64", "--size", "3kB"]).out;
-    assert!(said.contains(" of 3 kB: ") && said.contains(" Gaussians, ") && said.contains(" dB"), "{said}");
+    assert!(said.contains(" of 3 kB, ") && said.contains(" Gaussians, ") && said.contains(" dB"), "{said}");
     // The line's PSNR is that of the file, which is not that before packing.
     let (_, after) = said.split_once("file       PSNR ").expect("the file's own PSNR");
     let psnr: f64 = after.split(' ').next().and_then(|v| v.parse().ok()).expect("a number");
@@ -38,6 +39,53 @@ fn files_have_the_size_that_was_asked_for() {
     assert!((2850..=3000).contains(&bytes), "{bytes}");
     assert_eq!(made["aim"]["written"]["bytes"].as_u64(), Some(bytes), "{}", made["aim"]);
     assert_eq!(made["aim"]["written"]["gaussians"].as_u64(), Some(count(&made, "output")));
+}
+
+/// Photos with exposures of their own: a run, the packing of its model, `compress` and `eval` score alike.
+#[test]
+fn exposures_are_fitted_wherever_photos_score() {
+    let folder = tempfile::tempdir().unwrap();
+    let [scene, trained, small] = ["scene", "trained", "small.ply"].map(|name| folder.path().join(name));
+    let (model, config) = (trained.join("model.ply"), trained.join("config.toml"));
+    let mut synth = qirf(["synth".as_ref(), scene.as_os_str()]);
+    works(synth.args(["--views", "24", "--size", "48x36", "--points", "400", "--effects", "exposure"]));
+    let mut run = qirf(["run".as_ref(), scene.as_os_str(), "-o".as_ref(), trained.as_os_str()]);
+    run.args(["--no-prune", "--iterations", "100", "--sh-degree", "0", "--effect", "exposure=on", "--size", "20kB"]);
+    // No file records this dilation, so only the run's configuration tells it.
+    run.args(["--antialias", "--dilation", "0.3"]);
+    let run = works(run.args(["--no-report", "--json"])).json();
+    let psnr = |scores: &Value| scores["psnr"].as_f64().unwrap_or_else(|| panic!("{scores}"));
+    let (test, unfitted) = (psnr(&run["test"]), run["test_unfitted_psnr"].as_f64().unwrap());
+    assert!(test - unfitted > 1.0, "exposures matter: {test} {unfitted}");
+    let packed = &run["packed"];
+    assert!((psnr(&packed["test"]["written"]) - test).abs() < 0.3, "{test}: {}", packed["test"]);
+    assert_eq!(run["protocol"]["exposure"], packed["protocol"]["exposure"]);
+
+    let eval = |arguments: [&OsStr; 3]| psnr(&works(qirf(["eval", "--json"]).args(arguments)).json()["test"]);
+    let by_photos = eval([model.as_ref(), scene.as_ref(), "--quiet".as_ref()]);
+    assert!((by_photos - test).abs() < 0.01, "a run's model has the run's scores: {by_photos} {test}");
+    let given = ["--json", "--scene", scene.to_str().unwrap()];
+    let made = compressed(&model, &small, &[&given[..], &["--keep", "0.5", "--fine-tune", "50"]].concat());
+    let made =
+        made.with(0, &["drawn with --dilation 0.3, as config.toml beside the model", "an exposure is fitted"]).json();
+    let by_config = eval([small.as_ref(), "--config".as_ref(), config.as_ref()]);
+    let [before, written] = ["before", "written"].map(|stage| psnr(&made["test"][stage]));
+    assert!((before - test).abs() < 0.01 && (written - by_config).abs() < 0.01, "{test} {by_config} {}", made["test"]);
+    let lone = folder.path().join("lone");
+    std::fs::create_dir(&lone).unwrap();
+    for file in [&config, &small] {
+        std::fs::copy(file, lone.join(file.file_name().unwrap())).unwrap();
+    }
+    let beside = |last: &str| eval([lone.join("small.ply").as_ref(), scene.as_ref(), last.as_ref()]);
+    assert!((beside("--quiet") - by_config).abs() < 0.01, "a config.toml counts without the run's model");
+    assert!(beside("--exposure=off") < by_config - 1.0);
+    // Without exposures, no file is as good as this.
+    let wanted = format!("{:.1}", test - 0.5);
+    let found = compressed(&model, &small, &[&given[..], &["--psnr", wanted.as_str()]].concat()).with(0, &[]).json();
+    let [chosen, written] = [&found["aim"]["chosen"], &found["test"]["written"]].map(psnr);
+    assert!(chosen >= test - 0.55 && (chosen - written).abs() < 0.01, "{wanted}: {}", found["aim"]);
+    let off = compressed(&model, &small, &[&given[..], &["--exposure=off"]].concat()).with(0, &[]).json();
+    assert!((psnr(&off["test"]["before"]) - unfitted).abs() < 0.01, "{}", off["test"]);
 }
 
 /// A model whose file lacks nothing can only lose by fine-tuning.
@@ -54,6 +102,9 @@ fn fine_tuning_that_makes_a_file_worse_is_left_out() {
     assert_eq!(made["aim"]["fine_tuning"]["written"], false, "{}", made["aim"]);
     assert_eq!(made["aim"]["written"]["bytes"], made["output"]["bytes"]);
     assert!(made["test"]["written"]["psnr"].is_null() && made["test"]["fine_tuned"]["psnr"].is_number());
+    // Without an aim it is written, and a note says that it is worse.
+    let all = ["--views", "16", "--size", "64x64", "--keep", "1", "--fine-tune", "40"];
+    compressed(&model, &tuned, &all).with(0, &["fine-tuning made the model worse", "leave out --fine-tune"]);
 }
 
 /// Bands without effect take no room where there is too little.
@@ -85,12 +136,12 @@ fn pages_have_the_size_that_was_asked_for_and_copies_say_what_they_cost() {
         (code, said, std::fs::metadata(&out).map_or(0, |m| m.len()))
     };
     let (code, said, bytes) = convert("a.html", &["--size", "39kB"]);
-    assert!(code == Some(0) && (37_050..=39_000).contains(&bytes) && said.contains(" of 39 kB: "), "{bytes}: {said}");
+    assert!(code == Some(0) && (37_050..=39_000).contains(&bytes) && said.contains(" of 39 kB, "), "{bytes}: {said}");
     convert("b.html", &[]);
     let page = std::fs::read_to_string(folder.path().join("b.html")).unwrap();
     assert!(page.contains("id=\"poster\" src=\"data:image/"), "the page begins with a picture");
     let (_, said, coarse) = convert("a.spz", &["--sh-bits", "1"]);
-    assert!(said.contains(" dB against it"), "{said}");
+    assert!(said.contains(" dB against the original"), "{said}");
     assert!(said.contains("is a poor copy"), "{said}");
     let (_, said, fine) = convert("a.spz", &["--sh-bits", "8,8"]);
     assert!(fine > coarse && !said.contains("poor"), "{said}");

@@ -104,6 +104,7 @@ fn twenty_thousand_iterations_leave_memory_flat() {
             compression: PruneRule { keep: Keep::Share(0.5), ..PruneRule::default() },
             views: ViewSource::OwnPictures { cameras, background: [0.0; 3] },
             style: Style::default(),
+            exposure: false,
             fine_tune: 20,
             seed: 5,
         };

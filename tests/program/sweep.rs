@@ -86,6 +86,8 @@ fn the_light_axes_of_a_scene() {
     // The larger epsilon is, the better conditioned the metric.
     let condition = |r: &str| figure(&swept, "epsilon", r, "condition");
     assert!(condition("1e-6") >= condition("1e-4") && condition("1e-4") > condition("1e-2"));
+    let times: Vec<_> = axis(&swept, "epsilon")["rungs"].as_array().unwrap().iter().map(|r| &r["time"]).collect();
+    assert!(times.iter().all(|time| *time == times[0]), "the arithmetic does not depend on epsilon: {times:?}");
     // Exact culling loses nothing, and lists the fewest pairs.
     assert_eq!(rung(&swept, "culling", "exact")["accuracy"], 0.0);
     let pairs = |r: &str| figure(&swept, "culling", r, "pairs");
@@ -162,6 +164,9 @@ fn what_cannot_be_swept_is_refused() {
     let out = folder.path().join("out");
     let [scene, to, nowhere] =
         [&scene, &out, &folder.path().join("nowhere.ply")].map(|p| p.to_str().unwrap().to_owned());
+    let earlier = out.join("sweep.json");
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(&earlier, "of an earlier sweep").unwrap();
     let cases: [(&[&str], i32); 8] = [
         (&[&scene, "-o", &to, "--axis", "stop", "--size", "40x40"], 2),
         (&[&scene, "-o", &to, "--axis", "speed"], 2),
@@ -175,7 +180,7 @@ fn what_cannot_be_swept_is_refused() {
     for (arguments, code) in cases {
         assert!(!sweep(arguments).with(code, &[]).said.is_empty());
     }
-    assert!(!out.join("sweep.json").exists());
+    assert_eq!(std::fs::read_to_string(&earlier).unwrap(), "of an earlier sweep");
 }
 
 #[cfg(unix)]
@@ -187,7 +192,7 @@ fn an_interrupted_sweep_has_the_axes_that_it_measured() {
     command.args(["--size", "40x30", "--budget-per-axis", "2", "-o"]).arg(&out);
     let mut child = super::faults::harness::start(&mut command);
     child.until(|| out.join("sweep.json").exists());
-    child.signal("TERM").with(130, &["what was finished is kept"]);
+    child.signal("TERM").with(130, &["sweep.json has the axes measured so far; the same command"]);
     let swept = read(&out);
     assert_eq!(swept["axes"].as_array().unwrap().len(), 1);
     assert!(rung(&swept, "stop", "1e-2")["time"]["median"].is_number());

@@ -19,12 +19,23 @@ fn frames_follow_a_path() {
         sandbox.works(&["render", "model.ply", "--path", "orbit", "--frames", "3", "--size", "40x30", "-o", "round"]);
     assert!(ran.said.contains("3 pictures"), "{}", ran.said);
     assert_eq!(frames(&sandbox, "round"), ["frame_0000.png", "frame_0001.png", "frame_0002.png"]);
+    // Fewer frames leave those of the longer path, and say so.
+    fs::write(sandbox.path("round/frame_x.png"), "").unwrap();
+    let ran =
+        sandbox.works(&["render", "model.ply", "--path", "orbit", "--frames", "2", "--size", "40x30", "-o", "round"]);
+    assert!(
+        ran.said.contains("round also has 1 picture of an earlier path or orbit, from frame_0002.png"),
+        "{}",
+        ran.said
+    );
+    sandbox.works(&["render", "model.ply", "--path", "orbit", "--frames", "3", "--size", "40x30", "-o", "round"]);
     // An orbit is an orbit.
     sandbox.works(&["render", "model.ply", "--orbit", "3", "--size", "40x30", "-o", "orbit"]);
     let bytes = |name: &str| fs::read(sandbox.path(name)).unwrap();
     assert_eq!(bytes("round/frame_0001.png"), bytes("orbit/orbit_001.png"));
 
-    sandbox.works(&["render", "model.ply", "--path", "capture", "--scene", "scene", "--frames", "4", "-o", "along"]);
+    let along = ["render", "model.ply", "--path", "capture", "--scene", "scene", "--frames", "4", "-o", "along"];
+    sandbox.validated(&along);
     assert_eq!(frames(&sandbox, "along").len(), 4);
     // The path begins at the first camera and ends at the last.
     sandbox.works(&["render", "model.ply", "--scene", "scene", "-o", "views"]);
@@ -53,7 +64,8 @@ fn frames_follow_a_path() {
 #[test]
 fn a_panorama_shows_all_directions() {
     let sandbox = Sandbox::new();
-    sandbox.works(&["render", "model.ply", "--panorama", "--at", "0,0,0", "--size", "64x32", "-o", "around.png"]);
+    let around = ["render", "model.ply", "--panorama", "--at", "0,0,0", "--size", "64x32", "-o", "around.png"];
+    sandbox.validated(&around);
     let picture = image::open(sandbox.path("around.png")).unwrap().into_rgb8();
     assert_eq!(picture.dimensions(), (64, 32));
     // The model's Gaussians lie in a ring round the origin, in the plane z = 0: to the left, above, to the right, below.

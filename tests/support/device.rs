@@ -1,14 +1,22 @@
-//! Validated devices, lent to one test at a time.
+//! Devices, lent to one test at a time.
 
 use qirf_vk::gpu::{Device, DeviceOptions};
 use std::ops::Deref;
 use std::sync::{Mutex, PoisonError};
 
 /// Devices returned by tests that passed. Opening one and creating its pipelines takes longer than most tests.
-static FREE: Mutex<Vec<Device>> = Mutex::new(Vec::new());
+type Pool = Mutex<Vec<Device>>;
 
-/// A device for one test alone. It is returned unless the test fails.
-pub struct Lent(Option<Device>);
+static WATCHED: Pool = Mutex::new(Vec::new());
+static PLAIN: Pool = Mutex::new(Vec::new());
+
+/// A device for one test alone. It is returned to its pool unless the test fails.
+pub struct Lent(Option<Device>, &'static Pool);
+
+fn lent(pool: &'static Pool, open: fn() -> Device) -> Lent {
+    let free = pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
+    Lent(Some(free.unwrap_or_else(open)), pool)
+}
 
 impl Deref for Lent {
     type Target = Device;
@@ -21,15 +29,19 @@ impl Deref for Lent {
 impl Drop for Lent {
     fn drop(&mut self) {
         if !std::thread::panicking() {
-            FREE.lock().unwrap_or_else(PoisonError::into_inner).extend(self.0.take());
+            self.1.lock().unwrap_or_else(PoisonError::into_inner).extend(self.0.take());
         }
     }
 }
 
 /// A device with validation layers whose buffers begin as NaN and end in red zones; earlier tests may have used it.
 pub fn device() -> Lent {
-    let free = FREE.lock().unwrap_or_else(PoisonError::into_inner).pop();
-    Lent(Some(free.unwrap_or_else(new_device)))
+    lent(&WATCHED, new_device)
+}
+
+/// A device of the same tuning without layers and guards, for trainings that repeat one which [`device`] has watched.
+pub fn repeats() -> Lent {
+    lent(&PLAIN, plain)
 }
 
 /// The environment's options, with validation layers and guarded buffers.

@@ -17,7 +17,7 @@ pub mod runs;
 mod shared;
 pub mod synthetic;
 
-pub use device::{device, finish, new_device, opened, options, plain};
+pub use device::{device, finish, new_device, opened, options, plain, repeats};
 pub use documented::documented;
 pub use numbers::{Random, greatest_difference, relative, seed};
 pub use shared::{shared, shared_as_well, skip, source};

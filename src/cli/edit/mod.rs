@@ -155,19 +155,17 @@ impl Arguments {
     /// Refuses options of operations that are absent.
     fn check_operations(&self, operations: &[Asked]) -> Result<(), Error> {
         let has = |wanted: fn(&Operation) -> bool| operations.iter().any(|asked| wanted(&asked.what));
-        if self.scene.is_some() && !has(|what| matches!(what, Operation::Floaters)) {
-            return Err(Error::Usage(
-                "--scene is for --remove floaters; to crop by cameras, use --crop-views".to_owned(),
-            ));
-        }
-        if self.rendering.is_of_pictures() && !has(|what| matches!(what, Operation::Floaters)) {
-            let what = "--dilation and --depth-order are for the pictures of --remove floaters";
-            return Err(Error::Usage(what.to_owned()));
-        }
-        if self.least_views.is_some() && !has(|what| matches!(what, Operation::Views { .. })) {
-            return Err(Error::Usage("--least-views needs --crop-views".to_owned()));
-        }
-        Ok(())
+        let floaters = has(|what| matches!(what, Operation::Floaters));
+        let why = if self.scene.is_some() && !floaters {
+            "--scene is for --remove floaters; to crop by cameras, use --crop-views"
+        } else if self.rendering.is_of_pictures() && !floaters {
+            "--dilation and --depth-order are for the pictures of --remove floaters"
+        } else if self.least_views.is_some() && !has(|what| matches!(what, Operation::Views { .. })) {
+            "--least-views needs --crop-views"
+        } else {
+            return Ok(());
+        };
+        Err(Error::Usage(why.to_owned()))
     }
 
     fn apply<'e>(
@@ -276,7 +274,7 @@ fn nothing_left(asked: &Asked, before: Option<([f32; 3], [f32; 3])>) -> Error {
         format!(" of a model from {} to {}", point(low), point(high))
     });
     let Asked { name, why, .. } = asked;
-    Error::Usage(format!("{name} leaves no Gaussian{where_from} ({why}): nothing was written"))
+    Error::Usage(format!("{name} leaves no Gaussians{where_from} ({why}): nothing was written"))
 }
 
 fn input(path: &Path, loaded: &Loaded) -> Value {

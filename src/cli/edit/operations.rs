@@ -1,7 +1,7 @@
 //! Operations in the order of the command line, which clap keeps by index.
 
 use super::parse;
-use crate::edit::{Edit, INVISIBLE, Region, Similarity, Unwanted};
+use crate::edit::{Edit, Region, Similarity, Unwanted};
 use crate::gaussians::{self, MAX_SH_DEGREE};
 use crate::job::Error;
 use crate::scene::read_text;
@@ -213,8 +213,8 @@ fn operation(name: &str, value: &str) -> Result<(Option<Operation>, String), Str
         "remove" if value == "floaters" => Ok((Some(Operation::Floaters), String::new())),
         "remove" => match parse::unwanted(value)? {
             unwanted @ Unwanted::Invisible => {
-                let least = format!("no picture shows an opacity below {INVISIBLE:.4}, or values that are not finite");
-                edit(Edit::Remove(unwanted), least)
+                let least = "opacity below 1/255, or values that are not finite: no picture shows them";
+                edit(Edit::Remove(unwanted), least.to_owned())
             }
             unwanted @ Unwanted::Needles(ratio) => {
                 edit(Edit::Remove(unwanted), format!("the longest axis is more than {ratio} times the next"))

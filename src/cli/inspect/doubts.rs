@@ -158,7 +158,7 @@ impl<'a> Doubts<'a> {
         let worst = alone.first()?;
         let names: Vec<&str> = alone.iter().map(|fit| fit.photo).collect();
         Some(format!(
-            "{} with a pose that does not fit the points, by up to {}: leave out, or pose again ({})",
+            "{} with a pose that does not fit the points, by up to {}: leave them out, or pose again ({})",
             counted(names.len(), "photo"),
             distance(&worst.misfit),
             few(&names)
@@ -172,8 +172,8 @@ impl<'a> Doubts<'a> {
         let names: Vec<&str> = doubted.map(String::as_str).collect();
         let shows = match names.len() {
             0 => return None,
-            1 => "1 photo that does not show what the points of its pose look like".to_owned(),
-            n => format!("{n} photos that do not show what the points of their poses look like"),
+            1 => "1 photo that does not look like the points seen from its pose".to_owned(),
+            n => format!("{n} photos that do not look like the points seen from their poses"),
         };
         Some(format!("{shows}: names swapped, or from another scene? ({})", few(&names)))
     }

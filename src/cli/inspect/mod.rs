@@ -13,6 +13,7 @@ use crate::gaussians::{
     formats::{self, Loaded},
 };
 use crate::job::Error;
+use crate::job::earlier::is_run;
 use crate::scene::{OpenOptions, Scene, instead};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -78,7 +79,11 @@ impl Arguments {
         } else if let Some(option) = self.of_scenes() {
             return Err(Error::Usage(format!("{option} needs a scene, but {} is a model", self.path.display())));
         } else {
-            model::describe(&self.path, &read(&self.path)?)?
+            let loaded = read(&self.path)?;
+            if let Some(doubt) = &loaded.doubt {
+                console.warn(format_args!("{}: {doubt}", self.path.display()));
+            }
+            model::describe(&self.path, &loaded)?
         };
         if self.json { console.json(&value) } else { print(console, &value) }
     }
@@ -87,11 +92,6 @@ impl Arguments {
 /// Returns true for folders and the files of captures, except for those of a SOG model.
 pub(super) fn is_scene(path: &Path) -> bool {
     (has_extension(path, &["json", "txt", "bin"]) || path.is_dir()) && formats::sog_meta(path).is_none()
-}
-
-/// Returns true for the folder of a run.
-pub(super) fn is_run(path: &Path) -> bool {
-    ["config.toml", "model.ply"].iter().all(|file| path.join(file).is_file())
 }
 
 /// The error of a path that holds neither the expected scene nor the expected model: a run that has not finished explains it.
@@ -114,11 +114,18 @@ fn read(path: &Path) -> Result<Loaded, Error> {
     if !data.is_file() && !data.is_dir() {
         return Err(Error::Usage(format!("{} is neither a file nor a folder; save the model first", path.display())));
     }
-    formats::read(path).map_err(|error| match (error, instead(path)) {
-        (gaussians::Error::Unsupported { .. }, Some(what)) if data.is_file() => {
-            crate::scene::Error::Instead { path: path.to_owned(), what }.into()
+    formats::read(path).map_err(|error| {
+        // Archives of these kinds hold models, too.
+        let packed = has_extension(path, &["zip", "gz"]);
+        let no_model = match error {
+            gaussians::Error::Unsupported { .. } => true,
+            gaussians::Error::Malformed { .. } => !packed,
+            _ => false,
+        };
+        match instead(path).filter(|_| data.is_file() && no_model) {
+            Some(what) => crate::scene::Error::Instead { path: path.to_owned(), what }.into(),
+            None => unfinished(path, error.into()),
         }
-        (error, _) => unfinished(path, error.into()),
     })
 }
 
@@ -174,7 +181,7 @@ fn effects(console: &Console, decisions: &Value) -> Result<(), Error> {
             (Some(true), None) => "on".to_owned(),
             _ => "off".to_owned(),
         };
-        let near = if d["near_threshold"].as_bool() == Some(true) { " (near the threshold)" } else { "" };
+        let near = if d["near_threshold"].as_bool() == Some(true) { "; this is near the threshold" } else { "" };
         let label = if i == 0 { "effects" } else { "" };
         let name = text("name").replace('_', " ");
         console.print(format_args!("{label:<26} {name:<16} {switch:<6} {}{near}", text("evidence")))?;

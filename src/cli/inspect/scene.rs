@@ -4,6 +4,7 @@ use super::doubts::Doubts;
 use crate::job::{Error, Output};
 use crate::pipeline::effects;
 use crate::pipeline::prepare::refuse_photo_folders;
+use crate::report::format::count;
 use crate::scene::{EVAL_EVERY, OpenOptions, Scene, View};
 use crate::view::alone::{self, PageOptions};
 use crate::view::capture;
@@ -16,8 +17,14 @@ use std::path::Path;
 /// A page with the scene's points and cameras: training cameras are blue, held-out cameras orange, suspect ones red.
 fn page(scene: &Scene, test: &[usize], doubts: &Doubts<'_>, file: &Path) -> Result<(), Error> {
     let model = capture::model(scene, test, &doubts.photos());
-    let title = scene.root.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let options = PageOptions { title, up: scene.up(), near: Some(scene.near), ..PageOptions::default() };
+    let title = format!("{}: points and cameras", scene.root.file_name().unwrap_or_default().to_string_lossy());
+    let facts = format!(
+        "{} points, {}: blue trained on, orange held out, red suspect",
+        count(scene.points.len()),
+        counted(scene.views.len(), "camera")
+    );
+    let (up, near) = (scene.up(), Some(scene.near));
+    let options = PageOptions { title, up, near, facts: Some(facts), ..PageOptions::default() };
     let page = alone::page(&model, &options, file).map_err(Error::writing)?;
     Output::text(file, &page)
 }

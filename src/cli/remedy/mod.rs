@@ -3,11 +3,13 @@
 mod device;
 
 use self::device::{device, smaller};
-use super::inspect::is_run;
 use super::shard::VERIFY;
+use crate::extension::folder_of;
 use crate::gaussians::formats;
 use crate::job::Error;
-use crate::scene::{OpenOptions, Scene};
+use crate::job::earlier::{is_config_kept, is_run};
+use crate::scene::{OpenOptions, Scene, archive_in, photo_names};
+use crate::wording::counted;
 use crate::{edit, gaussians, metrics, scene, synth, train};
 use std::env::consts::OS;
 use std::io;
@@ -35,8 +37,8 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         Error::NoProgram(programs) => Some(install(programs, OS)),
         Error::Program { .. } => plain("run the same command again to resume; if it fails again, read the log"),
         Error::FewPoses { sequential, .. } => {
-            let photos = "take at least 20 photos while you walk around the scene, each sharp, at one zoom, and showing two thirds of \
-                          the one before; scenes need texture";
+            let photos = "walk around the scene and take at least 20 sharp photos at one zoom, each showing two thirds of the one \
+                          before; surfaces need texture";
             let pairs = if *sequential { ". `--matching exhaustive` compares more pairs" } else { "" };
             Some(format!("{photos}{pairs}"))
         }
@@ -53,7 +55,13 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         }
         Error::NothingHeldOut(_) => plain("give --eval-every 1 to score all of them"),
         Error::OtherRun { folder, .. } => {
-            let config = quoted(&folder.join("config.toml"));
+            let [config, checkpoint] = ["config.toml", "checkpoint.safetensors"].map(|file| quoted(&folder.join(file)));
+            if !is_config_kept(folder) {
+                return Some(format!(
+                    "use the original options and photos, which {config} no longer names: it was changed or removed since the checkpoint \
+                     was written. To begin anew, delete {checkpoint}"
+                ));
+            }
             Some(format!(
                 "use the original options (`--config {config}` gives `run` all of them) and photos, or another folder with -o"
             ))
@@ -184,12 +192,28 @@ fn capture(error: &scene::Error) -> Option<String> {
         }
         scene::Error::SeveralScenes { .. } => plain("give the folder of one"),
         scene::Error::NoImageFolder { .. } => plain("give one with --images, or, for depth maps, with --depth"),
-        scene::Error::NoPhotos { what, .. } if what.ends_with("does not exist") => {
-            plain("name their folder with --images DIR")
+        scene::Error::NoPhotos { root, what, .. } => {
+            Some(absent(root, Path::new(what.strip_suffix(" does not exist")?)))
         }
         scene::Error::NoViews { what, .. } if what.contains("mirrored") => None,
         scene::Error::NoViews { .. } => plain("reconstruct the scene again"),
         _ => None,
+    }
+}
+
+/// Advice on a capture without any of its photos, of which this is the first.
+fn absent(root: &Path, photo: &Path) -> String {
+    let folder = folder_of(photo);
+    let others = photo_names(folder);
+    if let Some(first) = others.first() {
+        let (folder, photos) = (folder.display(), counted(others.len(), "photo"));
+        return format!(
+            "{folder} holds {photos} of other names, such as {first}: rename them, or name another folder with --images DIR"
+        );
+    }
+    match archive_in(root).or_else(|| archive_in(folder)) {
+        Some(archive) => format!("unpack {}, if it holds them", quoted(&archive)),
+        None => "name their folder with --images DIR".to_owned(),
     }
 }
 
@@ -271,7 +295,7 @@ mod tests {
         );
         says(gaussians::Error::SameFile { path: path() }, &["another name"]);
         says(
-            scene::Error::NoPhotos { root: path(), listed: 5, what: "a.png does not exist".into() },
+            scene::Error::NoPhotos { root: path(), listed: 5, what: "a b/c/a.png does not exist".into() },
             &["--images DIR"],
         );
         let what = "a.png: only a.heic is there, in HEIC, which is not read".to_owned();
@@ -325,6 +349,19 @@ mod tests {
         says(gaussians::Error::Unsupported { path: run, what: String::new() }, &["it is a scene", "qirf-vk run"]);
         std::fs::remove_dir_all(folder.path().join("run")).unwrap();
         says(no_scene(folder.path()), &["the folder that holds one"]);
+    }
+
+    #[test]
+    fn photos_that_are_packed_or_have_other_names_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let (root, images) = (folder.path(), folder.path().join("images"));
+        let what = format!("{} does not exist", images.join("a.png").display());
+        let error = || scene::Error::NoPhotos { root: root.to_owned(), listed: 5, what: what.clone() };
+        std::fs::write(root.join("images.zip"), "").unwrap();
+        says(error(), &["unpack ", "images.zip"]);
+        std::fs::create_dir(&images).unwrap();
+        std::fs::write(images.join("image000.png"), "").unwrap();
+        says(error(), &["images holds 1 photo of other names, such as image000.png", "--images DIR"]);
     }
 
     #[test]

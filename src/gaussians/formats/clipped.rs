@@ -1,4 +1,4 @@
-//! Spherical harmonics that a format cuts off.
+//! Spherical harmonics and sizes that a format cuts off.
 
 use std::path::Path;
 
@@ -31,6 +31,36 @@ pub fn clipped(path: &Path, model: &Gaussians) -> usize {
         })
     };
     (0..model.len()).into_par_iter().filter(is_clipped).count()
+}
+
+/// The number of Gaussians one of whose two larger axes is beyond those that a file of this name stores, by more than a step: SPZ gives
+/// them the nearest size. A page contains a model that is scaled to fit.
+pub fn outsized(path: &Path, model: &Gaussians) -> usize {
+    const STEP: f32 = 1.0 / 16.0;
+    if written_as(path) != Some(Format::Spz) {
+        return 0;
+    }
+    let stored = spz::LOG_SCALES.start() - STEP..=spz::LOG_SCALES.end() + STEP;
+    let is_outsized = |scales: &&[f32; 3]| {
+        let mut sorted = **scales;
+        sorted.sort_by(f32::total_cmp);
+        sorted[1..].iter().any(|size| !stored.contains(size))
+    };
+    model.log_scales.par_iter().filter(is_outsized).count()
+}
+
+/// The warning of a file in which this many Gaussians get another size, as [`outsized`] counts them; none if there are none.
+pub fn size_warning(path: &Path, gaussians: usize) -> Option<String> {
+    let [low, high] = [spz::LOG_SCALES.start(), spz::LOG_SCALES.end()].map(|size| size.exp());
+    let (are, get) = if gaussians == 1 { ("is", "gets") } else { ("are", "get") };
+    (gaussians > 0).then(|| {
+        format!(
+            "{}: {} {are} smaller or larger than the {low:.1e} to {high:.1e} that SPZ stores, and {get} the nearest size; scale the \
+             model, or write .sog or .ply",
+            path.display(),
+            counted(gaussians, "Gaussian")
+        )
+    })
 }
 
 /// The warning of a file in which the colours of `gaussians` Gaussians are cut off, as [`clipped()`] counts them; none if there are none.

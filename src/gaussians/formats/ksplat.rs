@@ -56,7 +56,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     let word = |offset| u32_at(header, offset).ok_or_else(short);
     if header[0] != 0 || header[1] == 0 {
         return Err(Fault::Unsupported(format!(
-            "ksplat version {}.{}; versions 0.1 and later 0.x are read, export the file again",
+            "ksplat version {}.{}; versions 0.1 and later 0.x are read; export the file again",
             header[0], header[1]
         )));
     }

@@ -39,7 +39,7 @@ use serde::Serialize;
 use super::{Error, Gaussians};
 pub use crate::checksum::crc32;
 use crate::wording::{counted, named};
-pub use clipped::{clip_warning, clipped};
+pub use clipped::{clip_warning, clipped, outsized, size_warning};
 use fault::Fault;
 pub use georeference::georeference;
 pub use output::{check_place, refuse_overwrite, remove_leftovers, write_atomically};
@@ -90,7 +90,7 @@ pub struct Loaded {
     pub format: Format,
     /// Render mode by its tag; plain without a tag.
     pub mode: RenderMode,
-    /// The fault of its tag, as a sentence.
+    /// Faults of its tags and of its other metadata, as one sentence.
     pub doubt: Option<String>,
     /// The repairs made.
     pub repairs: Repairs,
@@ -208,10 +208,10 @@ fn parsed(bytes: &[u8], extension: &str, folder: Option<&Path>) -> Result<Parsed
         _ => match extension {
             "ply" => Err(fault::malformed("header", not_a_ply(bytes))),
             "spz" => Err(fault::malformed("header", "neither gzip nor NGSP at byte 0 as SPZ needs; check the file")),
-            "sog" => Err(fault::malformed("header", "a bundled SOG is a zip archive, this is not; check the file")),
-            "glb" => Err(fault::malformed("header", "a GLB file begins with `glTF`, this one does not; check the file")),
-            "usda" | "usd" => Err(fault::malformed("header", "a USD text begins with `#usda`, this does not; check the file")),
-            "usdz" => Err(fault::malformed("header", "a USDZ file is a zip archive, this is not; check the file")),
+            "sog" => Err(fault::malformed("header", "a bundled SOG is a zip archive; this is not one; check the file")),
+            "glb" => Err(fault::malformed("header", "a GLB file begins with `glTF`; this one does not; check the file")),
+            "usda" | "usd" => Err(fault::malformed("header", "a USD text begins with `#usda`; this one does not; check the file")),
+            "usdz" => Err(fault::malformed("header", "a USDZ file is a zip archive; this is not one; check the file")),
             "gltf" => gltf::read(bytes, folder),
             "splat" => splat::read(bytes),
             "ksplat" => ksplat::read(bytes),
@@ -229,7 +229,7 @@ fn not_a_ply(bytes: &[u8]) -> String {
     let packers: [(&[u8], &str); 3] = [(b"BZh", "bzip2"), (b"\xfd7zXZ\0", "xz"), (b"\x28\xb5\x2f\xfd", "zstd")];
     match packers.iter().find(|(magic, _)| bytes.starts_with(magic)) {
         Some((_, packer)) => format!("it is compressed by {packer}: unpack it first"),
-        None => "a PLY file begins with a line `ply`, this one does not; check the file".to_owned(),
+        None => "a PLY file begins with the line `ply`; this one does not; check the file".to_owned(),
     }
 }
 

@@ -14,14 +14,16 @@ use crate::extension::folder_of;
 /// Refuses an `output` that is the same file as `input`, or one in that folder, through any links.
 ///
 /// # Errors
-/// [`Error::SameFile`]; [`Error::Io`] if a path that exists cannot be looked at.
+/// [`Error::SameFile`].
 pub fn refuse_overwrite(input: &Path, output: &Path) -> Result<(), Error> {
+    // Windows knows no final path on some drives, and Wine none of more than 260 characters.
     let canonical = |path: &Path| match fs::canonicalize(path) {
-        Ok(real) => Ok(Some(real)),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(source) => Err(Error::Io { path: path.to_owned(), source }),
+        Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+            std::path::absolute(path).ok()
+        }
+        real => real.ok(),
     };
-    let (Some(from), Some(to)) = (canonical(input)?, canonical(output)?) else { return Ok(()) };
+    let (Some(from), Some(to)) = (canonical(input), canonical(output)) else { return Ok(()) };
     // A model in a folder is all files in it.
     if to.starts_with(&from) || same_inode(&from, &to) {
         return Err(Error::SameFile { path: output.to_owned() });

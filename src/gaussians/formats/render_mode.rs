@@ -2,7 +2,7 @@
 //!
 //! PLY: `comment SplatRenderMode: default|mip|2dgs` (brush, splat-transform) or `comment antialiased 0|1` (Postshot); the
 //! last one counts. SPZ: bit 0 of the header's flags. SOG: `"model": "antialiased"` (splat-transform) or `"antialias": true`
-//! (the specification's first version). The other formats have none.
+//! (the specification's first version). The other formats have none. `comment Vertical Axis: z` (nerfstudio) is told, not obeyed.
 
 use crate::wording::{named, shown};
 use std::fmt;
@@ -42,11 +42,16 @@ pub(super) struct Tag {
     pub mode: RenderMode,
     /// A tag was found that says so.
     stated: bool,
-    /// Their fault, as a sentence.
+    /// Their faults, as a sentence; [`Tag::add_doubt`] adds one.
     pub doubt: Option<String>,
     /// Local origin of the means in the world; zero unless the file says otherwise.
     pub origin: [f64; 3],
 }
+
+/// Bytes of faults beyond which further ones are not named: a file may have thousands.
+const LONGEST: usize = 600;
+/// End of a list of faults that lacks some.
+const MORE: &str = "; and more";
 
 /// First word of the comment with the place, in the world, from which a PLY's means count.
 pub(super) const ORIGIN: &str = "origin";
@@ -85,6 +90,10 @@ impl Tag {
             // Any other sentence may begin with the word `antialiased`.
             ["antialiased"] | ["antialiased", _] => self.not_understood(format_args!("comment {}", words.join(" "))),
             [ORIGIN, place @ ..] => self.place(place),
+            ["vertical", "axis:", axis @ ("x" | "y" | "z" | "-x" | "-z")] => self.add_doubt(format!(
+                "its header, whose comments `convert` drops, says that {axis} is up, where -y is up by default: \
+                 `--up {axis}` shows it upright, and `qirf-vk edit --up {axis}:-y` turns it"
+            )),
             [first, ..] if first.starts_with("splatrendermode") => {
                 self.not_understood(format_args!("comment {}", words.join(" ")));
             }
@@ -101,18 +110,42 @@ impl Tag {
         }
     }
 
+    /// Adds a fault to those of the file, unless it is known.
+    pub fn add_doubt(&mut self, fault: impl Into<String>) {
+        let fault = fault.into();
+        match &mut self.doubt {
+            None => self.doubt = Some(fault),
+            Some(known) if known.contains(&fault) || known.ends_with(MORE) => {}
+            Some(known) if known.len() > LONGEST => known.push_str(MORE),
+            Some(known) => *known = format!("{known}; also {fault}"),
+        }
+    }
+
+    /// Puts faults of the whole file before those of its parts.
+    pub fn add_first(&mut self, faults: impl IntoIterator<Item = String>) {
+        let of_parts = self.doubt.take();
+        faults.into_iter().chain(of_parts).for_each(|fault| self.add_doubt(fault));
+    }
+
     /// This tag, or where it says nothing that of the group around it.
     pub fn or(self, around: &Self) -> Self {
-        if self.stated { self } else { Self { doubt: self.doubt.or_else(|| around.doubt.clone()), ..around.clone() } }
+        if self.stated {
+            return self;
+        }
+        let mut tag = around.clone();
+        tag.add_first(self.doubt);
+        tag
     }
 
     /// Tag of a file of several parts: anti-aliased if any of them is.
     pub fn of_parts(parts: impl IntoIterator<Item = Self>) -> Self {
         let join = |mut all: Self, part: Self| {
-            all.doubt = all.doubt.or(part.doubt);
             if all.mode != part.mode {
                 all.mode = RenderMode::AntiAliased;
-                all.doubt = Some("its parts have different render modes; all of it is drawn anti-aliased".into());
+                all.add_doubt("its parts have different render modes; all of it is drawn anti-aliased");
+            }
+            if let Some(fault) = part.doubt {
+                all.add_doubt(fault);
             }
             all
         };
@@ -120,24 +153,26 @@ impl Tag {
     }
 
     fn state(&mut self, mode: RenderMode) {
+        let sentence = |mode| format!("two tags contradict each other; the last one counts: {mode}");
         if self.stated && self.mode != mode {
-            self.doubt = Some(format!("two tags contradict each other; the last one counts: {mode}"));
+            let earlier = self.doubt.take().map(|known| known.replace(&sentence(self.mode), &sentence(mode)));
+            self.doubt = earlier;
+            self.add_doubt(sentence(mode));
         }
         (self.mode, self.stated) = (mode, true);
     }
 
     fn flat(&mut self) {
         self.state(RenderMode::Plain);
-        self.doubt = Some("its tag says 2DGS; it is drawn as 3D Gaussians, which look different".into());
+        self.add_doubt("its tag says 2DGS; it is drawn as 3D Gaussians, which look different");
     }
 
     /// Says that a model of two scales a Gaussian got a third one.
     pub fn thickened(&mut self) {
         self.state(RenderMode::Plain);
-        self.doubt = Some(
+        self.add_doubt(
             "a 2DGS model, with two scales a Gaussian: it gets a third one of 1e-6 and is drawn as 3D Gaussians, which look \
-             different"
-                .into(),
+             different",
         );
     }
 
@@ -147,13 +182,13 @@ impl Tag {
         if !self.stated {
             self.state(RenderMode::AntiAliased);
         }
-        self.doubt = Some(
-            "a model of Mip-Splatting: its filter_3D is taken into scales and opacities, and it is anti-aliased".into(),
+        self.add_doubt(
+            "a model of Mip-Splatting: its filter_3D is taken into scales and opacities, and it is anti-aliased",
         );
     }
 
     fn not_understood(&mut self, tag: fmt::Arguments<'_>) {
-        self.doubt = Some(format!("the tag `{}` is not understood and ignored", shown(&tag.to_string(), 80)));
+        self.add_doubt(format!("the tag `{}` is not understood, and is ignored", shown(&tag.to_string(), 80)));
     }
 }
 
@@ -180,6 +215,7 @@ mod tests {
             (&["antialiased 0"], Plain),
             (&["SplatRenderMode: default"], Plain),
             (&["Generated by something", "antialiased scene of a garden", ""], Plain),
+            (&["Vertical Axis: -y", "Vertical Axis: unknown"], Plain),
             (&[], Plain),
         ] {
             let tag = of_comments(comments);
@@ -199,6 +235,13 @@ mod tests {
             (&["SplatRenderMode: mip", "antialiased 0"], RenderMode::Plain, "counts: plain"),
             (&["antialiased 0", "SplatRenderMode: mip"], RenderMode::AntiAliased, "counts: anti-aliased"),
             (&["SplatRenderMode: 2dgs"], RenderMode::Plain, "2DGS"),
+            (&["Vertical Axis: z"], RenderMode::Plain, "`qirf-vk edit --up z:-y` turns it"),
+            (&["Vertical Axis: z"], RenderMode::Plain, "comments `convert` drops, says that z is up"),
+            (
+                &["antialiased yes", "SplatRenderMode: 2dgs"],
+                RenderMode::Plain,
+                "and is ignored; also its tag says 2DGS",
+            ),
             (&["SplatRenderMode: \u{1b}[2J\u{fffd}"], RenderMode::Plain, "\\u{1b}"),
         ] {
             let tag = of_comments(comments);
@@ -207,6 +250,9 @@ mod tests {
         }
         let long = of_comments(&[&format!("SplatRenderMode: {}", "m".repeat(10_000))]);
         assert!(long.doubt.unwrap().len() < 200);
+        let many: Vec<String> = (0..1000).map(|i| format!("antialiased {i}x")).collect();
+        let many = of_comments(&many.iter().map(String::as_str).collect::<Vec<_>>()).doubt.unwrap();
+        assert!(many.len() < 900 && many.ends_with(MORE), "{many}");
     }
 
     #[test]

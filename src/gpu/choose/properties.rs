@@ -94,31 +94,19 @@ impl Report {
             .push_next(&mut self.allocation);
         let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut self.vulkan_1_2);
         let mut memory = vk::PhysicalDeviceMemoryProperties2::default();
-        if control {
-            properties = properties.push_next(&mut self.control);
-            features = features.push_next(&mut self.control_features);
+        // Structures of extensions are chained if the extension is there.
+        macro_rules! chain {
+            ($($there:ident: $into:ident.$field:ident),*) => {
+                $(if $there {
+                    $into = $into.push_next(&mut self.$field);
+                })*
+            };
         }
-        if push {
-            properties = properties.push_next(&mut self.push);
-        }
-        if bus {
-            properties = properties.push_next(&mut self.bus);
-        }
-        if buffers {
-            properties = properties.push_next(&mut self.buffers);
-        }
-        if uniform {
-            features = features.push_next(&mut self.uniform);
-        }
-        if atomic {
-            features = features.push_next(&mut self.atomic);
-        }
-        if executables {
-            features = features.push_next(&mut self.executables);
-        }
-        if budget {
-            memory = memory.push_next(&mut self.budget);
-        }
+        chain!(
+            control: properties.control, control: features.control_features, push: properties.push, bus: properties.bus,
+            buffers: properties.buffers, uniform: features.uniform, atomic: features.atomic,
+            executables: features.executables, budget: memory.budget
+        );
         // SAFETY: every chained structure belongs to Vulkan 1.2 or to an extension that the device has.
         unsafe {
             instance.get_physical_device_properties2(physical, &mut properties);

@@ -69,10 +69,11 @@ impl Preset {
 }
 
 /// Initial Gaussians of training.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Init {
     /// On the reconstruction's points; on random points if the scene has none.
+    #[default]
     Points,
     /// On random points in the region where several cameras look.
     Random,
@@ -80,14 +81,8 @@ pub enum Init {
     Model(PathBuf),
 }
 
-/// True for no angle at all.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_none(angle: &f64) -> bool {
-    *angle == 0.0
-}
-
-/// Everything that reproduces a run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Everything that reproduces a run. The default trains nothing: begin with [`RunConfig::of`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[expect(clippy::struct_excessive_bools, reason = "switches of a run, each on its own")]
 pub struct RunConfig {
@@ -100,7 +95,7 @@ pub struct RunConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<String>,
     /// Angle in degrees: panoramas and wide fisheyes are masked within it of straight down.
-    #[serde(default, skip_serializing_if = "is_none")]
+    #[serde(default, skip_serializing_if = "num_traits::Zero::is_zero")]
     pub pole_mask: f64,
     /// Folder of depth maps with the photos' names; the scene's own if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -116,7 +111,7 @@ pub struct RunConfig {
     /// Number of random points; by image size if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub init_count: Option<usize>,
-    /// Background colour; if absent, white for photos with alpha and black for others.
+    /// Background colour; if absent, white for photos with alpha, a colour that nearly all pixels at the photos' edges have, or black.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub background: Option<[f32; 3]>,
     /// Effects that the model is trained and rendered with: the user's choice, or the decision if that is left to the
@@ -160,7 +155,7 @@ pub struct RunConfig {
 }
 
 /// Selection of a scene's pictures.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Selection {
     /// The scene's folder or file.
@@ -170,7 +165,7 @@ pub struct Selection {
     /// Width of the pictures, or a divisor of the photos' size as `/K`; full size if absent.
     pub resolution: Option<String>,
     /// Angle in degrees: panoramas and wide fisheyes are masked within it of straight down.
-    #[serde(default, skip_serializing_if = "is_none")]
+    #[serde(default, skip_serializing_if = "num_traits::Zero::is_zero")]
     pub pole_mask: f64,
     /// Folder of depth maps with the photos' names; the scene's own if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -189,17 +184,7 @@ pub struct Selection {
 impl Selection {
     /// All photos of a scene at full size, of which every eighth is held out.
     pub fn of(scene: PathBuf) -> Self {
-        Self {
-            scene,
-            images: None,
-            resolution: None,
-            pole_mask: 0.0,
-            depth: None,
-            eval_every: EVAL_EVERY,
-            background: None,
-            effects: Overrides::default(),
-            contents: BTreeMap::new(),
-        }
+        Self { scene, eval_every: EVAL_EVERY, ..Self::default() }
     }
 
     /// The options with which the scene is opened.
@@ -231,29 +216,14 @@ impl RunConfig {
     pub fn of(scene: PathBuf, preset: Preset) -> Self {
         Self {
             scene,
-            images: None,
-            resolution: None,
-            pole_mask: 0.0,
-            depth: None,
             seed: 1,
             eval_every: EVAL_EVERY,
             sh_degree: MAX_SH_DEGREE,
-            init: Init::Points,
-            init_count: None,
-            background: None,
-            style: Style::default(),
-            exposure: false,
-            poses: false,
-            dropout: false,
-            depth_loss: false,
             max_gaussians: 4_000_000,
             checkpoint_every: 5000,
             schedule: preset.schedule(None),
-            prune: None,
-            method: None,
-            clean: false,
             effects: preset.effects(),
-            tuning: None,
+            ..Self::default()
         }
     }
 

@@ -30,6 +30,8 @@ pub struct CompressRecord {
     pub output: ModelFile,
     /// Gaussians whose colours the file's format cuts off.
     pub clipped: usize,
+    /// Gaussians whose sizes the file's format cuts off.
+    pub outsized: usize,
     /// The prune: its choice, and statistics of its blocks.
     pub prune: PruneRecord,
     /// The search for a file of a wanted size or PSNR; absent if none was wanted.
@@ -95,6 +97,8 @@ pub struct CompressProtocol {
     /// Effects that pictures were rendered with.
     #[serde(flatten)]
     pub style: Style,
+    /// Treatment of photos' exposures.
+    pub exposure: &'static str,
     /// Iterations of fine-tuning.
     pub fine_tune: u32,
     /// Key of all random numbers.
@@ -139,11 +143,11 @@ impl ModelFile {
 pub struct StageScores {
     /// Scores of the original model; null if its own pictures are the truth, or without held-out views.
     pub before: Option<Scores>,
-    /// After the prune; null without held-out views.
+    /// After the prune; null without held-out views, and if a divided compression wrote a format that rounds values.
     pub pruned: Option<Scores>,
     /// After fine-tuning; null if there was none.
     pub fine_tuned: Option<Scores>,
-    /// Scores of the file as it is read back; null if the compression was divided.
+    /// Scores of the file as it is read back; null if a divided compression wrote a format that stores floats.
     #[serde(default)]
     pub written: Option<Scores>,
 }

@@ -62,7 +62,7 @@ pub struct RunRecord {
 }
 
 /// Conditions of the measurement.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Protocol {
     /// Rule for holding out views.
     pub test_split: String,

@@ -203,7 +203,7 @@ fn beginning(setup: &Setup<'_>, arm: &Arm, config: &RunConfig, fork: &Checkpoint
     }
     let Prepared { scene, train, .. } = &setup.prepared;
     let pixels = train.iter().map(|p| p.camera.pixels()).max().unwrap_or(0);
-    Start::of(config, scene, pixels)
+    Start::of(config, scene, pixels, setup.session.watcher)
 }
 
 fn arm_record(name: &str, before: usize, psnr_pruned: Option<f64>, run: RunRecord) -> ArmRecord {

@@ -31,10 +31,10 @@ pub fn page(compared: &CompareRecord, folder: &Path) -> String {
     let choices: Vec<&str> =
         std::iter::once("ground truth").chain(compared.arms.iter().map(|a| a.name.as_str())).collect();
     let sections = [
-        Section::new("figures", "Figures", figures(compared)),
-        Section::new("plots", "Cost of pruning", plots(compared)),
-        Section::new("pictures", "Pictures", pictures(&choices, &views, |view| view.stack(None))),
-        Section::new("crops", "Where arms differ most", pictures(&choices, &views, View::crop)),
+        Section("figures", "Figures", figures(compared)),
+        Section("plots", "Cost of pruning", plots(compared)),
+        Section("pictures", "Pictures", pictures(&choices, &views, |view| view.stack(None))),
+        Section("crops", "Where arms differ most", pictures(&choices, &views, View::crop)),
     ];
     let subtitle = format!(
         "{}: {} Gaussians at iteration {}; each arm trained on to iteration {} with the same seed and loss; qirf-vk {} on {}",

@@ -155,7 +155,7 @@ impl CompareRecord {
 
     /// The table as comma-separated values: one line per arm.
     pub fn csv(&self) -> String {
-        let cell = |v: Option<f64>| v.map(|v| v.to_string()).unwrap_or_default();
+        let cell = |v: Option<f64>| v.filter(|v| v.is_finite()).map(|v| v.to_string()).unwrap_or_default();
         let mut text = "name,psnr,psnr_spread,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned,\
              difference,difference_error\n"
             .to_owned();

@@ -12,7 +12,6 @@ use crate::pipeline::compress::fit::{Fitted, Fitter, Judge, Target};
 use crate::pipeline::compress::scoring::Scoring;
 use crate::pipeline::compress::views::Views;
 use crate::pipeline::compress::{CompressConfig, Input, train};
-use crate::pipeline::virtual_views::ALL;
 use peer::Peer;
 use std::path::PathBuf;
 
@@ -37,7 +36,7 @@ pub fn curve(
     plan: &CurvePlan<'_>,
 ) -> Result<CurveRecord, Error> {
     let Input { path, model, .. } = input;
-    let (views, shown) = Views::load(session, &model, config, ALL)?;
+    let (views, shown) = Views::exposed(session, &model, config)?;
     if views.test.is_empty() {
         let what = "a curve is measured on held-out photos, and there are none: give --eval-every 2 or more, and two photos at least";
         return Err(Error::Usage(what.to_owned()));

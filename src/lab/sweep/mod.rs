@@ -33,7 +33,7 @@ pub fn write(swept: &SweepRecord, folder: &Path) -> Result<(), Error> {
 }
 
 /// The figures of a sweep.
-pub const FIGURES: Figures = Figures(["sweep.json", "sweep.csv", "sweep.html"]);
+const FIGURES: Figures = Figures(["sweep.json", "sweep.csv", "sweep.html"]);
 
 /// Measures one light axis; returns `None` for a heavy one.
 pub fn light(context: &Context<'_>, asked: &Asked) -> Result<Option<AxisRecord>, Error> {

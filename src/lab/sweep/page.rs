@@ -9,9 +9,9 @@ use crate::report::plot::{Accuracies, Axis as Scale, Front, Point};
 use maud::{Markup, html};
 
 pub fn page(swept: &SweepRecord) -> String {
-    let mut sections = vec![Section::new("summary", "Cost of exactness", summary(swept))];
+    let mut sections = vec![Section("summary", "Cost of exactness", summary(swept))];
     for record in &swept.axes {
-        sections.push(Section::new(record.axis.name, record.axis.title, body(record)));
+        sections.push(Section(record.axis.name, record.axis.title, body(record)));
     }
     let subtitle = format!(
         "{}: {}; qirf-vk {} on {}",
@@ -38,7 +38,8 @@ fn summary(swept: &SweepRecord) -> Markup {
         }
         p class="hint" {
             "The rungs of an axis take turns, round after round. The first round is not counted, because it also compiles. Times are \
-             medians; whiskers are quartiles. The device times its own work, the host all other."
+             medians; whiskers are quartiles. Work on the device is timed by the device, all other \
+             work by the host."
         }
     }
 }
@@ -110,12 +111,25 @@ fn rungs(record: &AxisRecord) -> Markup {
     )
 }
 
+/// The heading of a measurement's column.
+fn heading(name: &str) -> String {
+    match name {
+        "kept_jaccard" => "Jaccard index of the kept set".to_owned(),
+        "kept_jaccard_m256" => "Jaccard index of the kept set, blocks of 256".to_owned(),
+        "speedup_m256" => "speedup, blocks of 256".to_owned(),
+        "nan_share" => "NaN, all pairs".to_owned(),
+        "thin_nan_share" => "NaN, thin pairs".to_owned(),
+        "flat_nan_share" => "NaN, flat pairs".to_owned(),
+        other => other.replace('_', " "),
+    }
+}
+
 /// Further measurements of each rung.
 fn figures(record: &AxisRecord) -> Markup {
     let mut names: Vec<&str> = record.rungs.iter().flat_map(|r| r.figures.keys().copied()).collect();
     names.sort_unstable();
     names.dedup();
-    let titles: Vec<String> = names.iter().map(|n| n.replace('_', " ")).collect();
+    let titles: Vec<String> = names.iter().map(|n| heading(n)).collect();
     let columns: Vec<Column<'_>> = [Text("rung"), Number("rounds"), Number("host's clock")]
         .into_iter()
         .chain(titles.iter().map(|t| Number(t)))

@@ -234,6 +234,9 @@ impl AxisRecord {
             .filter(|(rung, (_, time))| *time < (1.0 - ALIKE) * from && !rung.overlaps(default))
             .min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
         let rest = match faster {
+            None if others().any(|(_, (_, time))| time < (1.0 - ALIKE) * from) => {
+                "no other is faster beyond the spread".to_owned()
+            }
             None => "no other is faster".to_owned(),
             Some((rung, _)) => format!(
                 "{}, the most exact of the faster ones, {}, and its {} is {}",
@@ -244,7 +247,7 @@ impl AxisRecord {
             ),
         };
         let shown = self.shown(default);
-        format!("No rung is more exact than the default, {} ({} {shown}); {rest}.", default.name, self.axis.accuracy)
+        format!("No rung is more exact than the default, {} ({}: {shown}); {rest}.", default.name, self.axis.accuracy)
     }
 
     /// The difference of a rung's time from another's, as text.
@@ -359,6 +362,11 @@ mod tests {
         assert!(axis.sentence.contains("1e-3, the most exact of the faster ones, takes 22 % less time"));
         for rung in &mut axis.rungs {
             rung.time = rung.time.map(|t| Spread { q1: t.median - 2.0, q3: t.median + 2.0, ..t });
+        }
+        let mut axis = axis.judged();
+        assert!(axis.sentence.ends_with("; no other is faster beyond the spread."));
+        for rung in &mut axis.rungs {
+            rung.time = rung.time.map(|t| Spread { median: 9.0, ..t });
         }
         assert!(axis.judged().sentence.ends_with("; no other is faster."));
     }

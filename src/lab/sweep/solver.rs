@@ -182,7 +182,7 @@ fn by_size(
                 .to_owned(),
         columns: vec![
             "rung",
-            "m",
+            "members",
             "µs a block",
             "times as fast as dsygvd",
             "error of q",

@@ -114,7 +114,7 @@ pub fn of_model(
     background: [f32; 3],
 ) -> Result<Subject, Error> {
     if model.is_empty() {
-        return Err(Error::Usage(format!("{}: it holds no Gaussian: there is nothing to measure", path.display())));
+        return Err(Error::Usage(format!("{}: it holds no Gaussians: there is nothing to measure", path.display())));
     }
     let size = cameras.size;
     let cameras = VirtualCameras { views: AROUND, ..cameras };

@@ -80,6 +80,7 @@ impl ActiveRun<'_> {
 
     /// An evaluation's record with the figures of training added.
     fn record(self, evaluated: RunRecord) -> RunRecord {
+        let memory = self.memory();
         let Self { setup, trainer, notes, .. } = self;
         RunRecord {
             gaussians: Counts {
@@ -102,7 +103,7 @@ impl ActiveRun<'_> {
                 effects::moved(setup.decisions.clone(), trainer.moved_cameras()),
                 trainer.timings(),
             ),
-            memory: setup.session.memory(setup.estimated_bytes),
+            memory,
             ..evaluated
         }
     }

@@ -12,7 +12,7 @@ use super::start::{Start, initialise};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::config::ResponseSource;
-use crate::job::records::{AttritionRecord, CurvePoint};
+use crate::job::records::{AttritionRecord, CurvePoint, Memory};
 use crate::job::run_log::{LogLine, LoggedRates, RunLog};
 use crate::job::{Error, Output, RunConfig, Watcher};
 use crate::qirf::select::budget::Keep;
@@ -260,7 +260,7 @@ impl<'a> ActiveRun<'a> {
         }
         self.fine_tune();
         let chosen = match pruned.attrition {
-            Some(_) => format!("attrition left {}, {} chose among them", pruned.before, pruned.selector),
+            Some(_) => format!("attrition had left {}, from which {} chose", pruned.before, pruned.selector),
             None => format!("{} chose", pruned.selector),
         };
         session.watcher.note(&format!(
@@ -318,9 +318,16 @@ impl<'a> ActiveRun<'a> {
         Ok(())
     }
 
+    /// The device's memory use so far, in all parts of the run.
+    fn memory(&self) -> Memory {
+        let memory = self.setup.session.memory(self.setup.estimated_bytes.max(self.notes.estimated));
+        Memory { peak_bytes: memory.peak_bytes.max(self.notes.peak), ..memory }
+    }
+
     /// The state needed to continue from here.
     pub fn checkpoint(&self) -> Result<Checkpoint, Error> {
-        let notes = RunNotes { elapsed: self.setup.elapsed(), ..self.notes.clone() };
+        let Memory { estimated_bytes: estimated, peak_bytes: peak, .. } = self.memory();
+        let notes = RunNotes { elapsed: self.setup.elapsed(), peak, estimated, ..self.notes.clone() };
         Checkpoint::new(self.trainer.snapshot()?, notes)
     }
 }

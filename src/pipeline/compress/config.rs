@@ -18,6 +18,9 @@ pub struct CompressConfig {
     pub views: ViewSource,
     /// Style of rendering: the one that the model was trained with.
     pub style: Style,
+    /// True if photos have exposures of their own: fitted before scores, and learnt in fine-tuning, as in a run.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub exposure: bool,
     /// Iterations of training after the prune.
     pub fine_tune: u32,
     /// Key of all random numbers.
@@ -40,6 +43,7 @@ impl Default for CompressConfig {
             compression: Self::rule(0),
             views: ViewSource::default(),
             style: Style::default(),
+            exposure: false,
             fine_tune: 0,
             seed: 1,
         }

@@ -9,7 +9,7 @@ use crate::gaussians::{self, Gaussians};
 use crate::job::records::{Aim, AimRecord, Truth};
 use crate::job::{Error, Session, Stage, Watcher};
 use crate::pipeline::draw_source::DrawSource;
-use crate::pipeline::evaluate::{Evaluator, mean};
+use crate::pipeline::evaluate::{Evaluator, counts, mean};
 use crate::pipeline::prune::{self, PrunePlan};
 use crate::pipeline::virtual_views::photo;
 use crate::qirf::pairs::Sequence;
@@ -40,19 +40,27 @@ pub struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    /// Takes a few training views, or, with `held_out`, the held-out views if there are any; draws them if they are the model's
-    /// own pictures.
+    /// Takes a few training views, or, with `held_out`, the held-out views if there are any, of those that masks do not hide; draws
+    /// them if they are the model's own pictures.
     pub fn new(
         session: &'a Session<'a>,
         views: &'a Views,
         original: Source<'_>,
         held_out: bool,
     ) -> Result<Self, Error> {
-        if held_out && !views.test.is_empty() {
-            let photos = views.test.iter().map(|(_, view)| view.clone()).collect();
+        let shown = |photos: Vec<Photo>| -> Result<Vec<Photo>, Error> {
+            let counting = |photo: Photo| counts(&photo, |_, _| true).map(|counts| counts.then_some(photo)).transpose();
+            photos.into_iter().filter_map(counting).collect()
+        };
+        let mut photos = shown(views.test.iter().filter(|_| held_out).map(|(_, view)| view.clone()).collect())?;
+        if !photos.is_empty() {
+            leave_out_equal(session, views, original, &mut photos)?;
             return Ok(Self { session, views, photos });
         }
-        let mut photos: Vec<Photo> = evenly(&views.train, JUDGES).cloned().collect();
+        photos = shown(evenly(&views.train, JUDGES).cloned().collect())?;
+        if photos.is_empty() {
+            photos = evenly(&shown(views.train.clone())?, JUDGES).cloned().collect();
+        }
         if views.truth == Truth::OwnPictures {
             let size = camera::largest(photos.iter().map(|view| &view.camera));
             let mut painter = Painter::of(session.device, views.settings, original, size)?;
@@ -60,6 +68,8 @@ impl<'a> Judge<'a> {
                 view.pixels = photo(&painter.render(original, &view.camera)?);
                 session.watcher.unless_stopped()?;
             }
+        } else {
+            leave_out_equal(session, views, original, &mut photos)?;
         }
         Ok(Self { session, views, photos })
     }
@@ -71,9 +81,27 @@ impl<'a> Judge<'a> {
         let size = camera::largest(self.photos.iter().map(|view| &view.camera));
         let shown = DrawSource::for_pictures(self.session, &model, size, settings.style)?;
         let mut evaluator = Evaluator::of(self.session.device, settings, shown.source(), self.photos.iter())?;
+        evaluator.compare_as(self.views.fits_exposure);
         let each = evaluator.psnr(shown.source(), self.photos.iter())?;
         Ok(mean(&each).unwrap_or(f64::INFINITY))
     }
+}
+
+/// Leaves out photos that the original's pictures equal, unless all do: they would count in the mean of worse files alone.
+fn leave_out_equal(
+    session: &Session<'_>,
+    views: &Views,
+    original: Source<'_>,
+    photos: &mut Vec<Photo>,
+) -> Result<(), Error> {
+    let mut evaluator = Evaluator::of(session.device, views.settings, original, photos.iter())?;
+    evaluator.compare_as(views.fits_exposure);
+    let each = evaluator.psnr(original, photos.iter())?;
+    if each.len() == photos.len() && each.iter().any(|psnr| psnr.is_finite()) {
+        let mut finite = each.iter().map(|psnr| psnr.is_finite());
+        photos.retain(|_| finite.next().unwrap_or(true));
+    }
+    Ok(())
 }
 
 /// Wraps a packed model into a file.
@@ -381,7 +409,7 @@ fn by_what_shows(model: &Gaussians) -> Vec<usize> {
     order.into_iter().map(|(_, i)| i).collect()
 }
 
-/// The choice as text: `4.93 MB of 5 MB: 412,300 Gaussians, 35.8 dB`, with the PSNR of the file's pictures, infinite if they
+/// The choice as text: `4.93 MB of 5 MB, 412,300 Gaussians, 35.8 dB`, with the PSNR of the file's pictures, infinite if they
 /// are equal.
 pub fn line(record: &AimRecord, bytes: u64, gaussians: usize, psnr: Option<f64>) -> String {
     let psnr = psnr.filter(|v| v.is_finite()).map_or_else(|| "equal pictures".to_owned(), |v| format!("{v:.1} dB"));
@@ -390,7 +418,7 @@ pub fn line(record: &AimRecord, bytes: u64, gaussians: usize, psnr: Option<f64>)
         Aim::Bytes(size) => format!("of {}", megabytes(size as f64, 2)),
         Aim::Psnr(psnr) => format!("for {psnr} dB"),
     };
-    format!("{made} {asked}: {}, {psnr}", counted(gaussians, "Gaussian"))
+    format!("{made} {asked}, {}, {psnr}", counted(gaussians, "Gaussian"))
 }
 
 /// Bytes as text, in kB, MB or GB.

@@ -14,7 +14,6 @@ pub(crate) mod views;
 pub use config::{CompressConfig, ViewSource};
 
 use super::prune::{self, PruneRequest};
-use super::virtual_views::ALL;
 use crate::gaussians::{Gaussians, formats};
 use crate::job::records::{Aim, AimRecord, CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
 use crate::job::{Error, Session};
@@ -106,7 +105,7 @@ fn reduce(
     let input = ModelFile::of(path, &model);
     let mut time = CompressTimes { read_s, ..CompressTimes::default() };
 
-    let (views, shown) = Views::load(session, &model, config, ALL)?;
+    let (views, shown) = Views::exposed(session, &model, config)?;
     time.truth_s = seconds(begun);
     let mut scoring = Scoring::new(session, &views, config);
     let before = if views.truth == Truth::Photos { scoring.scores(shown.source())? } else { Vec::new() };
@@ -134,8 +133,7 @@ fn reduce(
     if let Some((_, record)) = &fitted {
         fit::up_to(&mut model, record.precision);
     }
-    time.merge_s = prune.seconds.merge;
-    time.keep_mask_s = prune.seconds.total - prune.seconds.merge;
+    (time.merge_s, time.keep_mask_s) = (prune.seconds.merge, prune.seconds.total - prune.seconds.merge);
     prune.seconds.add_responses(time.responses_s);
     let after = scoring.scores_of(&model)?;
 
@@ -173,6 +171,7 @@ fn reduce(
         input,
         output: ModelFile::of(target.path, &model),
         clipped: formats::clipped(target.path, &model),
+        outsized: formats::outsized(target.path, &model),
         prune,
         aim,
         test: StageScores::mean(&stages),

@@ -11,6 +11,8 @@ use std::path::Path;
 const POOR: f64 = 40.0;
 /// Excess over the wanted PSNR, in dB, that is reported.
 const ABOVE: f64 = 0.1;
+/// Loss in dB by fine-tuning that is reported.
+const WORSE: f64 = 0.01;
 /// Loss in dB by packing alone that a compressed file does not need.
 const PACKED: f64 = 3.0;
 
@@ -23,7 +25,8 @@ pub enum Remark {
     Warning(String),
 }
 
-/// Where a file has more or less than was requested, or lacks its fine-tuning; without a request, whether packing ruined it.
+/// Where a file has more or less than was requested, or lacks its fine-tuning; without a request, whether packing ruined it or
+/// fine-tuning made it worse.
 pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
     let CompressRecord { aim, input, output, test, .. } = figures;
     let of_aim = match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
@@ -45,8 +48,11 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
             )))
         }
         Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => Some(Remark::Warning(format!(
-            "no file in this format reaches {wanted} dB: this one, of the whole model, is the finest"
+            "no file tried in this format reaches {wanted} dB: this one has the most, {psnr:.2} dB"
         ))),
+        Some((Aim::Psnr(_), Some(psnr))) if psnr.is_infinite() => {
+            Some(Remark::Note("no smaller file was found: the pictures of this one equal the model's".to_owned()))
+        }
         Some((Aim::Psnr(wanted), Some(psnr))) if psnr > wanted + ABOVE => Some(Remark::Note(format!(
             "no smaller file was found that reaches {wanted} dB: this one is {:.1} dB above",
             psnr - wanted
@@ -54,15 +60,24 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
         _ => None,
     };
     let tuned = aim.as_ref().and_then(|aim| aim.fine_tuning).filter(|tuning| !tuning.written);
+    let shown = |psnr: f64| if psnr.is_finite() { format!("{psnr:.2}") } else { "equal pictures".to_owned() };
     let left_out = tuned.map(|FineTuning { psnr, psnr_without, .. }| {
-        let without = if psnr_without.is_finite() { format!("{psnr_without:.2}") } else { "equal pictures".to_owned() };
+        let without = shown(psnr_without);
         Remark::Note(format!("fine-tuning made the file worse ({psnr:.2} dB, {without} without), so it was left out"))
     });
     let psnr = |scores: &Option<Scores>| scores.as_ref().map(|scores| scores.psnr.unwrap_or(f64::INFINITY));
+    let tuning = psnr(&test.pruned).zip(psnr(&test.fine_tuned)).filter(|(without, tuned)| tuned + WORSE < *without);
+    let worse = tuning.filter(|_| aim.is_none()).map(|(without, tuned)| {
+        Remark::Note(format!(
+            "fine-tuning made the model worse ({tuned:.2} dB, {} without): use more iterations, or leave out --fine-tune",
+            shown(without)
+        ))
+    });
     let packing = psnr(test.fine_tuned.as_ref().map_or(&test.pruned, |_| &test.fine_tuned)).zip(psnr(&test.written));
     let ruined = packing.filter(|(before, written)| aim.is_none() && before - written > PACKED);
-    let clipped = formats::clip_warning(&output.path, figures.clipped).map(Remark::Warning);
-    let notes = of_aim.into_iter().chain(left_out);
+    let clipped = formats::clip_warning(&output.path, figures.clipped).into_iter();
+    let clipped = clipped.chain(formats::size_warning(&output.path, figures.outsized)).map(Remark::Warning);
+    let notes = of_aim.into_iter().chain(left_out).chain(worse);
     notes.chain(ruined.and_then(|(_, written)| poor(&output.path, written))).chain(clipped).collect()
 }
 

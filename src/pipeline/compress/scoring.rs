@@ -42,6 +42,7 @@ impl<'a> Scoring<'a> {
         let Session { device, networks, watcher, .. } = *self.session;
         let Views { test, settings, .. } = self.views;
         let mut evaluator = Evaluator::of(device, *settings, model, test.iter().map(|(_, view)| view))?;
+        evaluator.compare_as(self.views.fits_exposure);
         let (done, total) = (self.done, self.total);
         let held_out = evaluator.held_out(model, test, None, networks, &mut |now| {
             watcher.step(Stage::Scores, done + now, total.max(done + test.len()))

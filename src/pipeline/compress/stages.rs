@@ -64,7 +64,10 @@ pub fn evidence(
     let (views, shown, all) = match &config.views {
         ViewSource::Photos(selection) => {
             let names = &photos[of_chunk(photos.len(), 1)];
-            let (views, shown) = Views::named(session, model, selection, names, config)?;
+            let (mut views, shown) = Views::named(session, model, selection, names, config)?;
+            if exposures.is_none() {
+                views.fit_gains(session, shown.source(), config)?;
+            }
             (views, shown, photos.len())
         }
         ViewSource::OwnPictures { .. } => {
@@ -77,7 +80,8 @@ pub fn evidence(
         Exposures::Known(maps) => Exposures::Known(maps[of_chunk(maps.len(), exposure::SIZE)].to_vec()),
         learnt @ Exposures::Learnt(_) => learnt,
     });
-    train::respond(session, shown.source(), model.degree(), &Views { exposures, ..views }, Some(all), config)
+    let views = Views { exposures: exposures.or(views.exposures), ..views };
+    train::respond(session, shown.source(), model.degree(), &views, Some(all), config)
 }
 
 /// Selects the Gaussians by the responses of all chunks in their order. Photos are named, but not decoded.
@@ -117,6 +121,5 @@ pub fn score(
     let before = if views.truth == Truth::Photos { scoring.scores(shown.source())? } else { Vec::new() };
     drop(shown);
     let after = scoring.scores_of(compressed)?;
-    // A task's model is a PLY: its file shows what the model does.
-    Ok(views.stages([before, after.clone(), Vec::new(), after]))
+    Ok(views.stages([before, after, Vec::new(), Vec::new()]))
 }

@@ -7,10 +7,12 @@ use crate::job::{Error, Selection, Session};
 use crate::metrics::Scores;
 use crate::pipeline::budget::{self, CompressNeeds};
 use crate::pipeline::draw_source::DrawSource;
+use crate::pipeline::evaluate::exposure_rule;
+use crate::pipeline::floaters;
 use crate::pipeline::prepare::{Opened, Prepared, open};
-use crate::pipeline::virtual_views::{OUTWARD, OwnPictures, VirtualCameras};
+use crate::pipeline::virtual_views::{ALL, OUTWARD, OwnPictures, VirtualCameras};
 use crate::qirf::select::budget::Keep;
-use crate::render::Settings;
+use crate::render::{Settings, Source};
 use crate::scene::camera::Camera;
 use crate::scene::{Photo, camera};
 use crate::train::Exposures;
@@ -27,7 +29,9 @@ pub struct Views {
     /// Scale of the positions' learning rate.
     pub extent: f64,
     pub settings: Settings,
-    /// The training photos' exposures, if they are known.
+    /// True if photos have exposures of their own, which are fitted before scores.
+    pub fits_exposure: bool,
+    /// The training photos' exposures, if each has one of its own and training or responses read them.
     pub exposures: Option<Exposures>,
     /// Bytes of device memory that the job is expected to need.
     pub estimated_bytes: u64,
@@ -66,6 +70,32 @@ impl Views {
         Self::of_photos(session, model, open(selection)?.only(names)?, config)
     }
 
+    /// Loads all views as [`Self::load`] does, with the training photos' exposures.
+    pub fn exposed<'m>(
+        session: &Session<'_>,
+        model: &'m Gaussians,
+        config: &CompressConfig,
+    ) -> Result<(Self, DrawSource<'m>), Error> {
+        let (mut views, shown) = Self::load(session, model, config, ALL)?;
+        views.fit_gains(session, shown.source(), config)?;
+        Ok((views, shown))
+    }
+
+    /// Fits gains of the training photos to the model's pictures, from which their exposures are learnt, if photos have exposures of
+    /// their own and training or responses read them.
+    pub fn fit_gains(
+        &mut self,
+        session: &Session<'_>,
+        model: Source<'_>,
+        config: &CompressConfig,
+    ) -> Result<(), Error> {
+        if self.fits_exposure && (config.fine_tune > 0 || config.compression.selector.reads().gradients()) {
+            let (gains, _) = floaters::gains(session, model, &self.train, self.settings)?;
+            self.exposures = Some(Exposures::Learnt(gains));
+        }
+        Ok(())
+    }
+
     fn of_photos<'m>(
         session: &Session<'_>,
         model: &'m Gaussians,
@@ -79,8 +109,18 @@ impl Views {
         let names = prepared.names_to_train();
         let Prepared { train, test, extent, .. } = prepared;
         let shown = DrawSource::new(session, model, place.whole)?;
-        let (truth, estimated_bytes) = (Truth::Photos, place.bytes);
-        Ok((Self { truth, train, names, test, extent, settings, exposures: None, estimated_bytes }, shown))
+        let views = Self {
+            truth: Truth::Photos,
+            train,
+            names,
+            test,
+            extent,
+            settings,
+            fits_exposure: config.exposure,
+            exposures: None,
+            estimated_bytes: place.bytes,
+        };
+        Ok((views, shown))
     }
 
     /// The cameras of the training views, the settings of their pictures, and the model, without decoding photos. `names` lists
@@ -105,7 +145,8 @@ impl Views {
     /// These needs with those of the compression's options.
     fn with_config(needs: CompressNeeds, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
         let (wanted, basis) = (config.compression.selector.reads(), config.compression.basis.clone());
-        CompressNeeds { wanted, basis, style: config.style, trained: trained(config, model), ..needs }
+        let CompressConfig { style, exposure, .. } = *config;
+        CompressNeeds { wanted, basis, style, exposure, trained: trained(config, model), ..needs }
     }
 
     fn of_model<'m>(
@@ -126,8 +167,18 @@ impl Views {
         let OwnPictures { train, test } =
             OwnPictures::draw(session, shown.source(), views, config.fine_tune > 0, held_out)?;
         let extent = camera::extent(train.iter().map(|v| &v.camera));
-        let (truth, estimated_bytes) = (Truth::OwnPictures, place.bytes);
-        Ok((Self { truth, train, names: Vec::new(), test, extent, settings, exposures: None, estimated_bytes }, shown))
+        let views = Self {
+            truth: Truth::OwnPictures,
+            train,
+            names: Vec::new(),
+            test,
+            extent,
+            settings,
+            fits_exposure: false,
+            exposures: None,
+            estimated_bytes: place.bytes,
+        };
+        Ok((views, shown))
     }
 
     /// Conditions of the measurement.
@@ -140,6 +191,7 @@ impl Views {
             image_size: camera::largest(views.map(|v| &v.camera)),
             background: self.settings.background,
             style: self.settings.style,
+            exposure: exposure_rule(self.fits_exposure),
             fine_tune: config.fine_tune,
             seed: config.seed,
             compression: config.compression.clone(),

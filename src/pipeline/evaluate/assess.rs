@@ -1,7 +1,7 @@
 //! Assessment of a model on a scene: scores, frame rate, and the conditions of the measurement.
 
 use super::evaluator::{Evaluator, HeldOut};
-use super::exposure_fit;
+use super::exposure_fit::exposure_rule;
 use crate::gaussians::Gaussians;
 use crate::job::output::bytes_on_disk;
 use crate::job::records::{Counts, Guards, Protocol, RunRecord, Times, TrainScores, infinite_for_nulls};
@@ -29,9 +29,11 @@ pub struct Assessment {
     pub frames_per_second: Option<f64>,
 }
 
-/// Mean of values; none without any.
+/// Mean of the finite values: a picture that equals its photo has an infinite PSNR, and tells nothing of the others. Infinite if no value
+/// is finite; none without values.
 pub fn mean(values: &[f64]) -> Option<f64> {
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    let finite: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+    if finite.is_empty() { values.first().copied() } else { Some(finite.iter().sum::<f64>() / finite.len() as f64) }
 }
 
 impl Evaluator {
@@ -101,49 +103,25 @@ impl Assessment {
     }
 }
 
-/// The views of an evaluation: how many there are, and how they are compared.
-#[derive(Clone, Copy, Debug)]
-pub struct Compared {
-    /// Number of training views.
-    pub train_views: usize,
-    /// Number of held-out views.
-    pub test_views: usize,
-    /// Largest picture, width and height.
-    pub image_size: [u32; 2],
-    /// Background colour.
-    pub background: [f32; 3],
-}
-
-impl From<&Prepared> for Compared {
-    fn from(prepared: &Prepared) -> Self {
-        Self {
-            train_views: prepared.train.len(),
-            test_views: prepared.test.len(),
-            image_size: camera::largest(prepared.views().map(|v| &v.camera)),
-            background: prepared.background,
-        }
+/// The protocol of an evaluation of these views without training; with `fits_exposure` each photo has its own exposure.
+pub fn protocol(selection: &Selection, views: &Prepared, networks: &Networks, fits_exposure: bool) -> Protocol {
+    Protocol {
+        train_views: views.train.len(),
+        test_views: views.test.len(),
+        image_size: camera::largest(views.views().map(|view| &view.camera)),
+        background: views.background,
+        ..rules(selection.eval_every, networks, fits_exposure)
     }
 }
 
-/// The protocol of an evaluation without training; with `fits_exposure` each photo has its own exposure.
-pub fn protocol(
-    selection: &Selection,
-    compared: impl Into<Compared>,
-    networks: &Networks,
-    fits_exposure: bool,
-) -> Protocol {
-    let Compared { train_views, test_views, image_size, background } = compared.into();
+/// The rules of such an evaluation, without its views.
+pub fn rules(eval_every: usize, networks: &Networks, fits_exposure: bool) -> Protocol {
     Protocol {
-        test_split: format!("the data set's own, else one photo in {}, by name", selection.eval_every),
-        train_views,
-        test_views,
-        image_size,
+        test_split: format!("the data set's own, else one photo in {eval_every}, by name"),
         downscaling: "exact area average of the 8-bit photos; distorted photos resampled once to an ideal pinhole",
-        background,
         lpips: networks.note().unwrap_or("VGG16, inputs in [0, 1]").to_owned(),
-        exposure: if fits_exposure { exposure_fit::PROTOCOL } else { "none: pictures are scored as they are rendered" },
-        iterations: None,
-        seed: None,
+        exposure: exposure_rule(fits_exposure),
+        ..Protocol::default()
     }
 }
 
@@ -159,6 +137,6 @@ mod tests {
         assert_eq!(back, some);
         back.extend(some);
         assert_eq!((mean(&back.unfitted_psnr), mean(&back.train_psnr)), (Some(f64::INFINITY), Some(31.5)));
-        assert_eq!(mean(&[]), None);
+        assert_eq!((mean(&[]), mean(&[30.0, f64::INFINITY, 32.0])), (None, Some(31.0)));
     }
 }

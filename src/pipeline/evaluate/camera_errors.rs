@@ -1,6 +1,7 @@
 //! Errors of held-out photos' cameras: each camera is moved until the model's picture fits half of the photo best, and the
 //! other half is scored before and after. The model is the witness: no point or track is needed.
 
+use super::assess::mean;
 use super::camera_fit::{CameraFit, SIDE, is_fitted};
 use super::evaluator::{Comparison, counts, truth, weights};
 use crate::gaussians::Gaussians;
@@ -54,7 +55,10 @@ pub fn camera_errors(
         let fit = CameraFit { photo, truth, weights, depths, comparison };
         found.push(fit.run(&mut |camera| Ok(painter.render(shown.source(), camera)?))?);
     }
-    let mean = |k: usize| found.iter().map(|fitted| fitted.psnr[k]).sum::<f64>() / count as f64;
+    // Of views that differ from their photos before and after.
+    let finite = found.iter().filter(|fitted| fitted.psnr.iter().all(|psnr| psnr.is_finite()));
+    let finite: Vec<[f64; 2]> = finite.map(|fitted| fitted.psnr).collect();
+    let mean = |k: usize| mean(&finite.iter().map(|psnr| psnr[k]).collect::<Vec<_>>()).unwrap_or(f64::INFINITY);
     let mut moved: Vec<f64> = found.iter().map(|fitted| fitted.pixels).collect();
     let pixels = median(&mut moved).unwrap_or_default();
     Ok(Some(CameraErrors { views: count, pixels, psnr: mean(0), fitted_psnr: mean(1) }))

@@ -4,13 +4,19 @@
 
 use crate::solve;
 
-/// Text of `protocol.exposure`.
-pub const PROTOCOL: &str =
-    "a 3x4 affine of the colours fitted by least squares on each photo's left half, its right half scored";
 /// Unknowns per row: red, green, blue, constant.
 const TERMS: usize = 4;
 /// Weight of the pull towards the identity, in pixels: decides where a picture leaves the affine undetermined.
 const RIDGE: f64 = 1e-3;
+
+/// Text of `protocol.exposure`; with `fitted` photos have exposures of their own.
+pub const fn exposure_rule(fitted: bool) -> &'static str {
+    if fitted {
+        "a 3x4 affine of the colours fitted by least squares on each photo's left half, its right half scored"
+    } else {
+        "none: pictures are scored as they are rendered"
+    }
+}
 
 /// The picture `rendered` exposed like the photo, and clamped to [0, 1]. The photo's left half tells how, compared with that of `seen`:
 /// the same picture with the background where a mask hides the photo. Pictures are row by row, red, green, blue in [0, 1].

@@ -8,6 +8,7 @@ pub mod exhibits;
 mod exposure_fit;
 pub mod pictures;
 
-pub use assess::{Assessment, Compared, mean, protocol};
+pub use assess::{Assessment, mean, protocol, rules};
 pub use camera_errors::camera_errors;
-pub use evaluator::{Evaluator, HeldOut, hide, rgb, truth, weights};
+pub use evaluator::{Evaluator, HeldOut, counts, hide, rgb, truth, weights};
+pub use exposure_fit::exposure_rule;

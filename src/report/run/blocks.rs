@@ -10,7 +10,7 @@ use maud::{Markup, html};
 /// The section; prunes that formed no blocks are left out. None if no prune formed any.
 pub fn section(prunes: &[PruneRecord]) -> Option<Section> {
     let of_blocks: Vec<&PruneRecord> = prunes.iter().filter(|prune| prune.blocks > 0).collect();
-    (!of_blocks.is_empty()).then(|| Section::new("blocks", "What the blocks say", body(&of_blocks)))
+    (!of_blocks.is_empty()).then(|| Section("blocks", "What the blocks say", body(&of_blocks)))
 }
 
 fn body(of_blocks: &[&PruneRecord]) -> Markup {

@@ -73,7 +73,7 @@ pub fn one(prune: &PruneRecord) -> Markup {
 fn kept_shares(prune: &PruneRecord) -> Markup {
     let name = |bin: usize| (10 * bin).to_string();
     let bins: Vec<(String, f64)> = prune.kept_shares.iter().enumerate().map(|(b, n)| (name(b), *n as f64)).collect();
-    let (x, y) = ("kept share of a block / %: from this number on", Axis::from_zero("blocks"));
+    let (x, y) = ("kept share of a block / %, lower end of each class", Axis::from_zero("blocks"));
     Columns { title: "Share kept", x, y, bins: &bins, spreads: &[], text: short }.draw()
 }
 

@@ -21,16 +21,15 @@ pub fn body(results: &RunRecord) -> Markup {
         1 => "one held-out view".to_owned(),
         n => format!("mean of {n} held-out views"),
     };
-    let tile = |label, value: String, note: String| Tile { label, value, note };
     tiles(&[
-        tile("PSNR", test_psnr, format!("on training views: {}", decibels(results.train.psnr))),
-        tile("SSIM", decimals(test.and_then(|t| t.ssim), 4), views),
-        tile("LPIPS", decimals(test.and_then(|t| t.lpips_vgg), 4), results.protocol.lpips.clone()),
+        ("PSNR", test_psnr, format!("on training views: {}", decibels(results.train.psnr))),
+        ("SSIM", decimals(test.and_then(|t| t.ssim), 4), views),
+        ("LPIPS", decimals(test.and_then(|t| t.lpips_vgg), 4), results.protocol.lpips.clone()),
         gaussians(results),
-        tile("Model", bytes(results.model_bytes), "model.ply".to_owned()),
+        ("Model", bytes(results.model_bytes), "model.ply".to_owned()),
         frames(results),
-        tile("Time", seconds(results.time.total_s), format!("training and pruning: {}", seconds(results.time.train_s))),
-        tile(
+        ("Time", seconds(results.time.total_s), format!("training and pruning: {}", seconds(results.time.train_s))),
+        (
             "Device",
             results.device.info.name.clone(),
             format!("{}; {}", results.device.info.kind, results.device.info.driver),
@@ -50,7 +49,7 @@ fn gaussians(results: &RunRecord) -> Tile {
         }
         None => String::new(),
     };
-    Tile { label: "Gaussians", value: count(n.last), note }
+    ("Gaussians", count(n.last), note)
 }
 
 fn frames(results: &RunRecord) -> Tile {
@@ -61,5 +60,5 @@ fn frames(results: &RunRecord) -> Tile {
         Some(before) if now.is_some() => format!("before pruning: {}", places(before)),
         _ => "rendering only, at the size of the views".to_owned(),
     };
-    Tile { label: "Frames per second", value: now.map_or(NONE.to_owned(), places), note }
+    ("Frames per second", now.map_or(NONE.to_owned(), places), note)
 }

@@ -54,39 +54,21 @@ impl LensModel {
 
     /// Number of focal lengths among them, which come first: one for both axes, or two; the principal point follows.
     pub fn focal_lengths(self) -> usize {
-        let single = matches!(
-            self,
-            Self::SimplePinhole
-                | Self::SimpleRadial
-                | Self::Radial
-                | Self::SimpleRadialFisheye
-                | Self::RadialFisheye
-                | Self::SimpleDivision
-                | Self::SimpleFisheye
-        );
+        let single = self.name().starts_with("SIMPLE_") || matches!(self, Self::Radial | Self::RadialFisheye);
         if single { 1 } else { 2 }
     }
 
     /// True if its radius is the ray's angle.
     pub fn is_fisheye(self) -> bool {
-        matches!(
-            self,
-            Self::OpenCvFisheye
-                | Self::SimpleRadialFisheye
-                | Self::RadialFisheye
-                | Self::ThinPrismFisheye
-                | Self::RadTanThinPrismFisheye
-                | Self::SimpleFisheye
-                | Self::Fisheye
-        )
+        self.name().ends_with("FISHEYE")
     }
 
     /// The fault of a camera whose model, by its name or number, is not one of `known`, with the remedy.
     pub(crate) fn unsupported(model: &str, known: impl IntoIterator<Item = Self>) -> String {
         let known: Vec<&str> = known.into_iter().map(Self::name).collect();
         format!(
-            "camera model {model} is not supported; known are {}; undistort the photos with `colmap image_undistorter` and \
-             open its output, or calibrate again with --ImageReader.camera_model OPENCV",
+            "camera model {model} is not supported; known are {}; undistort the photos (those of a COLMAP model by `colmap \
+             image_undistorter`), or pose them again with COLMAP's --ImageReader.camera_model OPENCV",
             known.join(", ")
         )
     }

@@ -43,7 +43,7 @@ pub(super) fn beside(folders: &[&Path], skipped: &mut Skipped) -> Vec<Point> {
 /// A note on a cloud in a format that is not read, or under a name that says nothing.
 fn unread(files: &[PathBuf]) -> Option<String> {
     if let Some(first) = files.iter().find(|path| has_extension(path, &UNREAD)) {
-        return Some(format!("no points: {} is not read, convert it to PLY and name it points3D.ply", first.display()));
+        return Some(format!("no points: {} is not read; convert it to PLY and name it points3D.ply", first.display()));
     }
     let ply = files.iter().find(|path| has_extension(path, &["ply"]))?;
     Some(format!("no points: if {} holds them, name it points3D.ply", ply.display()))

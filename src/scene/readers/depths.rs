@@ -1,11 +1,11 @@
 //! Depth maps of photos, in a folder of their own.
 
 use crate::extension::{extension, has_extension};
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::files::{Folders, appended, inside};
-use super::names::{Named, belongs_to, key, last, number};
+use super::names::{MAP_WORDS, Named, Owners, belongs_to, key, last, number};
 use crate::scene::View;
 use crate::wording::counted;
 
@@ -19,7 +19,7 @@ pub(super) struct DepthMaps {
     folder: PathBuf,
     folders: Folders,
     /// The files in it that say whose they are, by the keys of the photos that may be meant, or by their numbers.
-    owned: HashMap<String, BTreeSet<PathBuf>>,
+    owned: Owners,
     /// All its files.
     files: Vec<PathBuf>,
 }
@@ -27,9 +27,9 @@ pub(super) struct DepthMaps {
 impl DepthMaps {
     pub fn of(folder: &Path) -> Self {
         let files: Vec<PathBuf> = inside(folder).into_iter().filter(|path| path.is_file()).collect();
-        let mut owned = HashMap::<_, BTreeSet<_>>::new();
+        let mut owned = Owners::new();
         for path in files.iter().filter(|path| has_extension(path, &EXTENSIONS)) {
-            for owner in belongs_to(&as_png(path), true) {
+            for owner in belongs_to(&as_png(path), &[MAP_WORDS]) {
                 owned.entry(owner).or_default().insert(path.clone());
             }
         }
@@ -65,7 +65,7 @@ impl DepthMaps {
         let photos = Named::of(views.iter().map(|view| key(last(&view.name))).collect());
         let named = |path: &Path| {
             let name = as_png(path);
-            photos.has_owner(&[key(&name)]) || photos.has_owner(&belongs_to(&name, true))
+            photos.has_owner(&[key(&name)]) || photos.has_owner(&belongs_to(&name, &[MAP_WORDS]))
         };
         let unread = |path: &PathBuf| Some((path.clone(), unread_depth_map(path).filter(|_| named(path))?));
         let (folder, number) = (self.folder.display(), counted(self.files.len(), "file"));

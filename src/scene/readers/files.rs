@@ -4,24 +4,23 @@ use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::kinds::{EXTENSIONS, is_photo_name, unread_format};
-use super::names::{is_result, key, relative, tidy, unescaped};
-use super::tree::photo_names;
+use super::kinds::{EXTENSIONS, is_photo_name, spelt_usually, unread_format};
+use super::names::{above, is_result, key, relative, tidy, unescaped};
+use super::tree::PhotoTree;
+use crate::extension::{extension, has_extension};
 use crate::scene::Error;
-use crate::scene::image_file::{IS_LFS_POINTER, LFS_POINTER, is_unread};
+use crate::scene::image_file::{IS_LFS_POINTER, LFS_POINTER, is_grey, is_indexed, is_unread};
 use crate::scene::image_size::image_size;
+
+/// Number of the first photos of a capture by which it is decided where they are, and of those of a folder by which it is decided what
+/// may stand for them.
+pub(super) const FIRST: usize = 100;
 
 /// The photo folder that the user names: within the scene, otherwise a path of its own.
 pub(super) fn image_folder(root: &Path, asked: &Path) -> Result<PathBuf, Error> {
     [root.join(asked), asked.to_owned()].into_iter().find(|p| p.is_dir()).ok_or_else(|| {
-        let mut known: Vec<String> = fs::read_dir(root)
-            .into_iter()
-            .flatten()
-            .flatten()
-            .filter(|e| !photo_names(&e.path()).is_empty())
-            .map(|e| e.file_name().to_string_lossy().into_owned())
-            .collect();
-        known.sort();
+        let holding = inside(root).into_iter().filter(|path| !PhotoTree::with_twins(path).names.is_empty());
+        let known = holding.filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned())).collect();
         Error::NoImageFolder { root: root.to_owned(), asked: asked.to_owned(), known }
     })
 }
@@ -33,9 +32,8 @@ pub(super) fn child(folder: &Path, name: &str) -> PathBuf {
         if usual.exists() {
             return usual;
         }
-        let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-        let same = entries.filter(|entry| entry.file_name().to_string_lossy().eq_ignore_ascii_case(part));
-        same.map(|entry| entry.path()).min().unwrap_or(usual)
+        let same = |path: &PathBuf| path.file_name().is_some_and(|name| name.eq_ignore_ascii_case(part));
+        inside(&folder).into_iter().find(same).unwrap_or(usual)
     })
 }
 
@@ -47,22 +45,85 @@ pub(super) fn inside(folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// The first candidate that exists as named, with another photo extension or with one appended; otherwise the first as
-/// named. A photo in a format that is not read gives way to its copy in one that is.
-pub(super) fn find_photo(candidates: &[PathBuf]) -> PathBuf {
+/// The first candidate that exists as named, or of which there is a likely file with another photo extension, or with one appended;
+/// otherwise the first as named. A photo in a format that is not read gives way to its copy in one that is. `known`: see [`likeliest`].
+pub(super) fn find_photo(candidates: &[PathBuf], known: Option<&str>) -> PathBuf {
     for candidate in candidates {
         if is_photo_name(candidate) && candidate.is_file() {
             return copy_of_unread(candidate).unwrap_or_else(|| candidate.clone());
         }
-        if is_photo_name(candidate) || unread_format(candidate).is_some() {
-            if let Some(found) = EXTENSIONS.iter().map(|e| candidate.with_extension(e)).find(|p| p.is_file()) {
-                return found;
-            }
-        } else if let Some(found) = EXTENSIONS.iter().map(|e| appended(candidate, e)).find(|p| p.is_file()) {
+        let says = names_format(candidate);
+        let named = |e: &&str| if says { candidate.with_extension(e) } else { appended(candidate, e) };
+        let there = EXTENSIONS.iter().map(named).filter(|path| path.is_file()).collect();
+        if let Some(found) = likeliest(candidate, there, known).into_iter().next() {
             return found;
         }
     }
     candidates.first().cloned().unwrap_or_default()
+}
+
+/// True if a name has the extension of a photo, read or not.
+fn names_format(photo: &Path) -> bool {
+    is_photo_name(photo) || unread_format(photo).is_some()
+}
+
+/// Of files with a photo's name and any extension, those that are most likely the photo: those with its own extension, in any case, else
+/// those in its format, else by [`rank`]. A picture that may be a mask or a depth map is it if the photo is listed without a format, or if
+/// no photo of its folder is there in another format than this picture's: `known` is the format of the first that is there.
+pub(super) fn likeliest(photo: &Path, files: Vec<PathBuf>, known: Option<&str>) -> Vec<PathBuf> {
+    let any = !names_format(photo);
+    if files.len() < 2 && (any || known.is_none()) {
+        return files;
+    }
+    let rank = |file: &PathBuf| {
+        let other = spelt_usually(file) != spelt_usually(photo);
+        (other, extension(file) != extension(photo), other.then(|| self::rank(file)))
+    };
+    let ranked: Vec<_> = files.into_iter().map(|file| (rank(&file), file)).collect();
+    let Some(least) = ranked.iter().map(|(rank, _)| *rank).min() else { return Vec::new() };
+    let may_stand = |file: &Path| any || known.is_none_or(|known| known == spelt_usually(file));
+    let is_likely = |file: &Path| least.2.is_none() || !may_be_map(file) || may_stand(file);
+    ranked.into_iter().filter(|(rank, file)| *rank == least && is_likely(file)).map(|(_, file)| file).collect()
+}
+
+/// The order in which files of one name are taken for the photo: those in colour first, then by format; masks in colours lie beside JPEGs.
+pub(super) fn rank(picture: &Path) -> (bool, usize) {
+    let format = spelt_usually(picture);
+    let order = ["jpg", "webp", "tif", "png", "exr"].iter().position(|known| *known == format);
+    (may_be_map(picture) || is_grey(picture) == Some(true), order.unwrap_or(usize::MAX))
+}
+
+/// The folders of these names of which one of the first photos is found, and its format; that of photos that are there as listed counts
+/// before that of others.
+pub(super) fn folders_there<'a>(
+    names: impl Iterator<Item = &'a str>,
+    found: impl Fn(&str) -> Option<PathBuf>,
+) -> HashMap<String, String> {
+    let mut folders: HashMap<&str, (usize, Option<String>)> = HashMap::new();
+    for name in names {
+        let (left, there) = folders.entry(above(name)).or_insert((FIRST, None));
+        if *left == 0 {
+            continue;
+        }
+        let format = found(name).map(|photo| spelt_usually(&photo));
+        let as_listed = format.as_ref().is_some_and(|format| *format == spelt_usually(Path::new(name)));
+        *left = if as_listed { 0 } else { *left - 1 };
+        if as_listed || there.is_none() {
+            *there = format;
+        }
+    }
+    folders.into_iter().filter_map(|(folder, (_, format))| Some((folder.to_owned(), format?))).collect()
+}
+
+/// In place of a format: none may stand for the photo as a mask or a depth map.
+pub(super) const STRICT: Option<&str> = Some("");
+
+/// True for a picture in greys or of a palette in a format without loss, such as a TIFF of floats, whose header announces nothing: it may
+/// be the mask or the depth map of a photo of its name.
+pub(super) fn may_be_map(picture: &Path) -> bool {
+    let is_tiff = has_extension(picture, &["tif", "tiff"]);
+    let is_plain = || is_grey(picture).unwrap_or(is_tiff) || is_indexed(picture);
+    (is_tiff || has_extension(picture, &["png"])) && is_plain()
 }
 
 /// Folders that may hold a capture: neither hidden nor results of this program.
@@ -76,9 +137,10 @@ fn others(photo: &Path) -> impl Iterator<Item = PathBuf> {
     EXTENSIONS.iter().map(move |e| photo.with_extension(e)).filter(move |other| other != photo)
 }
 
-/// A copy beside a photo whose format, whatever its name says, or whose encoding is not read.
+/// A copy beside a photo whose format, whatever its name says, or whose encoding is not read. Of a JPEG, it is none that may be a map.
 fn copy_of_unread(photo: &Path) -> Option<PathBuf> {
-    if is_unread(photo) { others(photo).find(|copy| photo_size(copy).is_some()) } else { None }
+    let is_copy = |copy: &PathBuf| photo_size(copy).is_some() && (spelt_usually(photo) != "jpg" || !may_be_map(copy));
+    if is_unread(photo) { others(photo).filter(is_copy).min_by_key(|copy| spelt_usually(copy) != "jpg") } else { None }
 }
 
 /// True if one of these photos that are used stands for one that is not read.
@@ -138,11 +200,9 @@ impl Folders {
     fn of(&mut self, folder: &Path) -> &HashMap<String, Vec<PathBuf>> {
         self.read.entry(folder.to_owned()).or_insert_with(|| {
             let mut by_key: HashMap<String, Vec<PathBuf>> = HashMap::new();
-            for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-                by_key.entry(key(&entry.file_name().to_string_lossy())).or_default().push(entry.path());
-            }
-            for paths in by_key.values_mut() {
-                paths.sort();
+            for path in inside(folder) {
+                let key = key(&path.file_name().unwrap_or_default().to_string_lossy());
+                by_key.entry(key).or_default().push(path);
             }
             by_key
         })

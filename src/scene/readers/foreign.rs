@@ -10,69 +10,66 @@ use crate::extension::has_extension;
 
 /// How much of a file tells its format.
 const BEGINNING: u64 = 4096;
+/// Maximum number of files of a format's name, in one folder, that are opened: photos may each have such a file beside them.
+const OPENED: usize = 16;
 /// Maximum number of subfolders that are looked into.
-const SUBFOLDERS: usize = 64;
+pub(super) const SUBFOLDERS: usize = 64;
 
-/// A format of poses that is not read.
-struct Format {
-    /// The names of its files in lower case; `*` stands for anything.
-    names: &'static [&'static str],
-    /// Text in the beginning of such a file, in lower case, where other programs use the same names; otherwise empty.
-    holds: &'static str,
-    /// The program that writes it.
-    program: &'static str,
-    /// How it becomes one that is read.
-    remedy: &'static str,
-}
+/// A format of poses that is not read: the names of its files in lower case, where `*` stands for anything; text in the
+/// beginning of such a file, in lower case, where other programs use the same names, otherwise empty; the program that writes
+/// it; how it becomes one that is read.
+struct Format(&'static [&'static str], &'static str, &'static str, &'static str);
 
-const fn format(
-    names: &'static [&'static str],
-    holds: &'static str,
-    program: &'static str,
-    remedy: &'static str,
-) -> Format {
-    Format { names, holds, program, remedy }
-}
+/// The remedy where no program writes a format that is read.
+const CONVERT: &str = "convert it to a transforms.json";
+/// The remedy where the program writes COLMAP's format.
+const COLMAP: &str = "export cameras as COLMAP";
 
-const FOREIGN: [Format; 28] = [
-    format(&["reconstruction.json"], "", "OpenSfM", "`opensfm export_colmap` converts it"),
-    format(&["sfm_data.json", "sfm_data.bin"], "", "OpenMVG", "`openMVG_main_openMVG2Colmap` converts it"),
-    format(&["meta_data.json"], "", "SDFStudio", "give its photos to `pose`, or its transforms.json"),
-    format(&["poses_bounds*.npy"], "", "LLFF", "give the COLMAP model that it was made from"),
-    format(&["*.out"], "# bundle file", "Bundler", "export COLMAP's format instead"),
-    format(&["database.db"], "", "COLMAP, without a model", "run `colmap mapper`"),
-    format(
-        &["cameras.npz", "cameras_sphere.npz", "cameras_large.npz"],
-        "",
-        "NeuS, IDR or DTU",
-        "give the COLMAP model that it was made from",
-    ),
-    format(&["metadata.json"], "", "Record3D", "nerfstudio's `ns-process-data record3d` converts it"),
-    format(&["corrected_cameras"], "", "Polycam", "nerfstudio's `ns-process-data polycam` converts it"),
-    format(&["trajectories.txt"], "# kapture", "kapture", "`kapture_export_colmap.py` converts it"),
-    format(&["odometry.csv"], "timestamp", "Stray Scanner", "convert it to a transforms.json"),
-    format(&["*.pose.txt"], "", "7-Scenes", "convert it to a transforms.json"),
-    format(&["pose", "poses"], "", "ScanNet or NSVF", "convert it to a transforms.json"),
-    format(
-        &["*.sfm", "sfm.json", "*.abc", "meshroomcache"],
+const FOREIGN: &[Format] = &[
+    Format(&["reconstruction.json"], "", "OpenSfM", "`opensfm export_colmap` converts it"),
+    Format(&["sfm_data.json", "sfm_data.bin"], "", "OpenMVG", "`openMVG_main_openMVG2Colmap` converts it"),
+    Format(&["meta_data.json"], "", "SDFStudio", "give its photos to `pose`, or its transforms.json"),
+    Format(&["poses_bounds*.npy"], "", "LLFF", "give the COLMAP model that it was made from"),
+    Format(&["*.out"], "# bundle file", "Bundler", CONVERT),
+    Format(&["database.db"], "", "COLMAP, without a model", "run `colmap mapper`"),
+    Format(&["cameras.npz", "cameras_sphere.npz", "cameras_large.npz"], "", "NeuS, IDR or DTU", CONVERT),
+    Format(&["metadata.json"], "\"appearance_id\"", "Nerfies", CONVERT),
+    Format(&["metadata", "metadata.json"], "{", "Record3D", "nerfstudio's `ns-process-data record3d` converts it"),
+    Format(&["corrected_cameras"], "", "Polycam", "nerfstudio's `ns-process-data polycam` converts it"),
+    Format(&["*.json"], "\"t_00\"", "Polycam", "nerfstudio's `ns-process-data polycam` converts it"),
+    Format(&["shots.geojson"], "", "OpenDroneMap", "nerfstudio's `ns-process-data odm` converts it"),
+    Format(&["closed_loop_trajectory.csv"], "", "Project Aria", "nerfstudio's `ns-process-data aria` converts it"),
+    Format(&["trajectories.txt"], "# kapture", "kapture", "`kapture_export_colmap.py` converts it"),
+    Format(&["odometry.csv"], "timestamp", "Stray Scanner", CONVERT),
+    Format(&["*.pose.txt"], "", "7-Scenes", CONVERT),
+    Format(&["pose", "poses"], "", "ScanNet or NSVF", CONVERT),
+    Format(
+        &["*.sfm", "sfm.json", "sfmdata.json", "*.abc", "meshroomcache"],
         "",
         "Meshroom",
         "its node ExportColmap, or `aliceVision_exportColmap`, converts it",
     ),
-    format(&["*.nvm"], "nvm_v", "VisualSFM", "export COLMAP's format instead"),
-    format(&["*.rcproj", "*.rsproj"], "", "RealityScan", "export the registration as COLMAP"),
-    format(&["*.csv"], "#name,x,y", "RealityScan", "export the registration as COLMAP"),
-    format(&["*.xmp"], "xcr:", "RealityScan", "export the registration as COLMAP"),
-    format(&["*.psx"], "", "Metashape", "export cameras as COLMAP"),
-    format(&["*.xml"], "<document", "Metashape", "export cameras as COLMAP"),
-    format(&["*.xml"], "<blocksexchange", "ContextCapture", "export COLMAP's format instead"),
-    format(&["*_calibrated_camera_parameters.txt"], "", "Pix4D", "export COLMAP's format instead"),
-    format(&["*.json"], "cameraposearframe", "ARKit", "nerfstudio's `ns-process-data` converts it"),
-    format(&["cameras.json"], "\"img_name\"", "a run of 3DGS", "give the capture that it was trained on"),
-    format(&["groundtruth.txt"], "", "TUM RGB-D", "convert it to a transforms.json"),
-    format(&["poses.txt"], "", "KITTI", "convert it to a transforms.json"),
-    format(&["*.log"], "0 0 0\n", "Tanks and Temples", "give the COLMAP model that belongs to it"),
-    format(
+    Format(&["*.nvm"], "nvm_v", "VisualSFM", CONVERT),
+    Format(&["*.rcproj", "*.rsproj"], "", "RealityScan", "export the registration as COLMAP"),
+    Format(&["*.csv"], "#name", "RealityScan", "export the registration as COLMAP"),
+    Format(&["*.xmp"], "xcr:", "RealityScan", "export the registration as COLMAP"),
+    Format(&["*.psx"], "", "Metashape", COLMAP),
+    Format(&["*.xml"], "<document", "Metashape", COLMAP),
+    Format(&["*.txt"], "# photoid,", "Metashape", COLMAP),
+    Format(&["*.xml"], "<blocksexchange", "ContextCapture", CONVERT),
+    Format(&["*_calibrated_camera_parameters.txt", "*.opf"], "", "Pix4D", CONVERT),
+    Format(&["*.json"], "cameraposearframe", "ARKit", CONVERT),
+    Format(&["*.json"], "\"pixel_aspect_ratio\"", "Nerfies", CONVERT),
+    Format(&["cameras.json"], "\"img_name\"", "a run of 3DGS", "give the capture that it was trained on"),
+    Format(&["groundtruth.txt"], "", "TUM RGB-D", CONVERT),
+    Format(&["poses.txt"], "", "KITTI", CONVERT),
+    Format(&["traj.txt"], "", "Replica", CONVERT),
+    Format(&["*.pincam"], "", "ARKitScenes", CONVERT),
+    Format(&["*_cam.txt"], "extrinsic", "MVSNet", CONVERT),
+    Format(&["coordinates.pt"], "", "Mega-NeRF", CONVERT),
+    Format(&["*.log"], "0 0 0\n", "Tanks and Temples", "give the COLMAP model that belongs to it"),
+    Format(&["*.log"], "0\t0\t1\n", "Open3D", CONVERT),
+    Format(
         &["transforms_val.json", "transforms_test.json"],
         "",
         "Blender, without transforms_train.json",
@@ -83,6 +80,12 @@ const FOREIGN: [Format; 28] = [
 impl Format {
     /// True for the path of such a file or folder.
     fn is_of(&self, path: &Path) -> bool {
+        self.names(path) && self.begins(path)
+    }
+
+    /// True for the name of such a file or folder.
+    fn names(&self, path: &Path) -> bool {
+        let Self(names, ..) = *self;
         let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
         let matches = |known: &&str| match known.split_once('*') {
             Some((start, end)) => {
@@ -90,11 +93,18 @@ impl Format {
             }
             None => name == **known,
         };
-        self.names.iter().any(matches) && (self.holds.is_empty() || beginning(path).contains(self.holds))
+        names.iter().any(matches)
+    }
+
+    /// True for a file that begins as those of this format do.
+    fn begins(&self, path: &Path) -> bool {
+        let Self(_, holds, ..) = *self;
+        holds.is_empty() || beginning(path).contains(holds)
     }
 
     fn told(&self, what: &str) -> String {
-        format!("{what}perhaps of {}, is not read: {}", self.program, self.remedy)
+        let Self(.., program, remedy) = self;
+        format!("{what}perhaps from {program}, is not read: {remedy}")
     }
 }
 
@@ -118,8 +128,8 @@ pub(super) fn file(path: &Path) -> Option<String> {
     (!is_transforms).then(|| format.told("this file, "))
 }
 
-/// A clause on the files in a folder, beside its photos or in a subfolder, that may hold poses and are not read; empty if there are
-/// none.
+/// A clause on the files in a folder, beside its photos or up to two subfolders deep, that may hold poses and are not read; empty if
+/// there are none.
 pub(super) fn poses(folder: &Path) -> String {
     let images = child(folder, "images");
     let told = transforms(folder).or_else(|| [folder, &images].into_iter().find_map(|place| in_folder(folder, place)));
@@ -146,14 +156,15 @@ fn transforms(folder: &Path) -> Option<String> {
 fn in_folder(root: &Path, folder: &Path) -> Option<String> {
     let paths = inside(folder);
     FOREIGN.iter().find_map(|format| {
-        let path = paths.iter().find(|path| format.is_of(path))?;
+        let path = paths.iter().filter(|path| format.names(path)).take(OPENED).find(|path| format.begins(path))?;
         let name = path.strip_prefix(root).unwrap_or(path).display();
         Some(format.told(&format!("; {name}, ")))
     })
 }
 
 fn in_subfolders(folder: &Path) -> Option<String> {
-    subfolders(folder).take(SUBFOLDERS).find_map(|path| in_folder(folder, &path))
+    let deeper = subfolders(folder).flat_map(|path| subfolders(&path).collect::<Vec<_>>());
+    subfolders(folder).chain(deeper).take(SUBFOLDERS).find_map(|path| in_folder(folder, &path))
 }
 
 /// A COLMAP model that lacks a file.

@@ -35,7 +35,7 @@ fn of_folder(folder: &Path) -> Option<String> {
     }
     let places = ["images", "input"].map(|name| child(folder, name));
     let places: Vec<PathBuf> = places.into_iter().chain([folder.to_owned()]).collect();
-    if let Some(photos) = places.iter().find_map(|place| unread(&PhotoTree::of(place).unread)) {
+    if let Some(photos) = places.iter().find_map(|place| unread(&PhotoTree::with_twins(place).unread)) {
         return Some(format!("it holds {photos}"));
     }
     let files = inside(folder);
@@ -47,5 +47,10 @@ fn of_folder(folder: &Path) -> Option<String> {
     if let Some(file) = first(&kinds::UNSTITCHED) {
         return Some(format!("it holds {}, {UNSTITCHED}", name(file)));
     }
-    first(&ARCHIVES).map(|archive| format!("it holds an archive: unpack {}", name(archive)))
+    archive_in(folder).map(|archive| format!("it holds an archive: unpack {}", name(&archive)))
+}
+
+/// The first archive in a folder, which may hold photos or poses.
+pub fn archive_in(folder: &Path) -> Option<PathBuf> {
+    inside(folder).into_iter().find(|path| path.is_file() && has_extension(path, &ARCHIVES))
 }

@@ -30,12 +30,22 @@ pub(super) const VIDEOS: [&str; 13] =
     ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mpg", "mpeg", "mts", "m2ts", "3gp", "wmv", "ts"];
 /// Extensions of 360° videos as their cameras write them, of which no panoramas are made here.
 pub(super) const UNSTITCHED: [&str; 2] = ["insv", "360"];
-/// Extensions of archives.
-pub(super) const ARCHIVES: [&str; 11] = ["zip", "tar", "gz", "tgz", "bz2", "xz", "txz", "zst", "7z", "rar", "lz4"];
+/// Extensions of archives; the last is Record3D's.
+pub(super) const ARCHIVES: [&str; 12] =
+    ["zip", "tar", "gz", "tgz", "bz2", "xz", "txz", "zst", "7z", "rar", "lz4", "r3d"];
 
 /// True if the path has a photo's extension.
 pub(super) fn is_photo_name(path: &Path) -> bool {
     has_extension(path, &EXTENSIONS)
+}
+
+/// The usual extension of a path's format, which may be spelt otherwise: jpg for photo.JPEG.
+pub(super) fn spelt_usually(path: &Path) -> String {
+    match extension(path).as_str() {
+        "jpeg" | "jpe" | "jfif" => "jpg".to_owned(),
+        "tiff" => "tif".to_owned(),
+        other => other.to_owned(),
+    }
 }
 
 /// The format of a path with the extension of photos that are not read.

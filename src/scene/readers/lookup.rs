@@ -4,6 +4,7 @@ use std::cell::OnceCell;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use super::files::likeliest;
 use super::names::{key, last, relative, tidy, unescaped};
 use super::tree::PhotoTree;
 
@@ -39,12 +40,13 @@ impl Lookup {
         &self.folder
     }
 
-    /// The path within the folder of the only photo that can be meant by `name`, which may be written as in a URL.
-    pub fn find(&self, name: &str) -> Option<String> {
-        self.found(name).or_else(|| self.found(&unescaped(name)?))
+    /// The path within the folder of the only photo that can be meant by `name`, which may be written as in a URL. `known`: see
+    /// [`likeliest`].
+    pub fn find(&self, name: &str, known: Option<&str>) -> Option<String> {
+        self.found(name, known).or_else(|| self.found(&unescaped(name)?, known))
     }
 
-    fn found(&self, name: &str) -> Option<String> {
+    fn found(&self, name: &str, known: Option<&str>) -> Option<String> {
         let files = self.files.get_or_init(|| Files::of(&self.folder));
         let foreign = name.starts_with(['/', '\\']) || tidy(name).starts_with("../") || relative(name) != tidy(name);
         let key = key(&relative(name));
@@ -53,16 +55,26 @@ impl Lookup {
             // Beside images, a picture of a photo's name is none.
             let is_stray = rest != key && !rest.contains('/') && files.some_of_images;
             if let Some(found) = files.whole.get(rest).filter(|_| !is_stray) {
-                return one(found, name);
+                return self.one(found, name, known);
             }
             // Folders of another machine say nothing; those within a capture tell photos of several cameras apart.
             match rest.split_once('/') {
                 Some((_, inner)) if foreign || files.flat => rest = inner,
                 Some(("images", inner)) if !files.some_of_images => rest = inner,
-                None if rest == key || is_stray => return files.last.get(rest).and_then(|found| one(found, name)),
+                None if rest == key || is_stray => {
+                    return files.last.get(rest).and_then(|found| self.one(found, name, known));
+                }
                 _ => return None,
             }
         }
+    }
+
+    /// The only one of these files that is likely to be the photo `name`.
+    fn one(&self, found: &[String], name: &str, known: Option<&str>) -> Option<String> {
+        let files = found.iter().map(|file| self.folder.join(file)).collect();
+        let likely = likeliest(Path::new(name), files, known);
+        let [only] = likely.as_slice() else { return None };
+        found.iter().find(|file| self.folder.join(file) == *only).cloned()
     }
 }
 
@@ -83,12 +95,4 @@ impl Files {
         }
         files
     }
-}
-
-/// The only file, or the only one with the extension of `name`.
-fn one(found: &[String], name: &str) -> Option<String> {
-    let extension = |name: &str| name.rsplit_once('.').map(|(_, e)| e.to_ascii_lowercase());
-    let same: Vec<&String> = found.iter().filter(|file| extension(file) == extension(name)).collect();
-    let among = if same.is_empty() { found.iter().collect() } else { same };
-    if let [only] = among[..] { Some(only.clone()) } else { None }
 }

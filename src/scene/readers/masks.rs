@@ -8,7 +8,7 @@ use std::rc::Rc;
 
 use super::files::{appended, inside};
 use super::kinds::is_photo_name;
-use super::names::{belongs_to, key, last, relative};
+use super::names::{MASK_WORDS, Owners, belongs_to, key, last, relative};
 use super::tree::{PhotoTree, is_map_folder, is_mask_folder};
 use crate::extension::folder_of;
 use crate::scene::image_file::{color_type, hides_where_white};
@@ -164,10 +164,9 @@ impl Held {
     /// The mask folders in a folder.
     fn inside(&mut self, folder: &Path) -> Rc<MaskFolders> {
         let found = self.inside.entry(folder.to_owned()).or_insert_with(|| {
-            let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-            let is_mask = |e: &fs::DirEntry| is_mask_folder(&e.file_name().to_string_lossy().to_lowercase());
-            let mut all: Vec<PathBuf> = entries.filter(is_mask).map(|e| e.path()).filter(|p| p.is_dir()).collect();
-            all.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+            let is_mask = |path: &PathBuf| is_mask_folder(&lower(path)) && path.is_dir();
+            let mut all: Vec<PathBuf> = inside(folder).into_iter().filter(is_mask).collect();
+            all.sort_by_key(|path| path.as_os_str().len()); // stable
             let mut named: HashMap<String, Vec<PathBuf>> = HashMap::new();
             for path in &all {
                 if let Some(images) = named_after(path) {
@@ -217,33 +216,14 @@ struct MaskFolder {
     by_photo: Owners,
 }
 
-/// Files by the keys of the photos that they may belong to.
-#[derive(Default)]
-struct Owners(HashMap<String, Vec<PathBuf>>);
-
-impl Owners {
-    fn add(&mut self, mut owners: Vec<String>, path: &Path) {
-        owners.sort();
-        owners.dedup();
-        for owner in owners {
-            self.0.entry(owner).or_default().push(path.to_owned());
-        }
-    }
-
-    fn of(&self, key: &str) -> &[PathBuf] {
-        self.0.get(key).map_or(&[], Vec::as_slice)
-    }
-}
-
 impl MaskFolder {
     fn of(folder: &Path) -> Self {
-        let (files, mut by_photo) = (files(folder), Owners::default());
+        let (files, mut by_photo) = (files(folder), Owners::new());
         for (name, path) in &files {
-            let mut owners = belongs_to(name, false);
             // In a folder of masks, what names no other owner is named like its photo, once or twice: x.jpg.png.
-            owners.push(key(name));
-            owners.push(key(&key(name)));
-            by_photo.add(owners, path);
+            for owner in belongs_to(name, &[MASK_WORDS]).into_iter().chain([key(name), key(&key(name))]) {
+                by_photo.entry(owner).or_default().insert(path.clone());
+            }
         }
         Self { path: folder.to_owned(), files, by_photo }
     }
@@ -289,11 +269,9 @@ impl FolderMasks {
         let own = self.own.get_or_init(|| Own::of(&self.images));
         let key = key(name);
         let of = |key: &str| {
-            let beside = self.folder.as_ref().map_or(&[][..], |folder| folder.by_photo.of(key));
-            match (beside, own.by_photo.of(key)) {
-                ([only], []) | ([], [only]) => Some(only.clone()),
-                _ => None,
-            }
+            let beside = self.folder.as_ref().and_then(|folder| folder.by_photo.get(key));
+            let mut found = beside.into_iter().chain(own.by_photo.get(key)).flatten();
+            found.next().filter(|_| found.next().is_none()).cloned()
         };
         // A mask of the name alone is no photo's if folders have photos of that name.
         let alone = own.photos.get(last(&key)).is_none_or(|photos| *photos < 2);
@@ -326,14 +304,12 @@ impl FolderMasks {
         if grey(self.images.join(photo)) {
             return None;
         }
-        let folders = fs::read_dir(self.beside.as_ref()?).into_iter().flatten().flatten();
-        let lower = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().to_lowercase();
-        let folders = folders.filter(|entry| !is_map_folder(&lower(entry))).map(|entry| entry.path());
+        let folders = inside(self.beside.as_ref()?).into_iter().filter(|folder| !is_map_folder(&lower(folder)));
         let meant = |folder: &PathBuf| {
             let same = folder.join(photo);
             grey(same.with_extension("png")) || grey(same)
         };
-        let folder = folders.filter(|folder| !holds_photos(folder)).filter(meant).min()?;
+        let folder = folders.filter(|folder| !holds_photos(folder)).find(meant)?;
         Some(format!("no masks: if {} holds them, name it masks", folder.display()))
     }
 }
@@ -342,7 +318,9 @@ impl Own {
     fn of(images: &Path) -> Self {
         let mut own = Self::default();
         for (name, path) in files(images) {
-            own.by_photo.add(belongs_to(&name, false), &path);
+            for owner in belongs_to(&name, &[MASK_WORDS]) {
+                own.by_photo.entry(owner).or_default().insert(path.clone());
+            }
         }
         for name in PhotoTree::whole(images).names {
             *own.photos.entry(last(&key(&name)).to_owned()).or_default() += 1;

@@ -25,7 +25,7 @@ mod tree;
 #[cfg(feature = "pipeline")]
 pub(crate) use depths::unread_depth_map;
 pub use files::read_text;
-pub use instead::instead;
+pub use instead::{archive_in, instead};
 pub use kinds::is_video_name;
 pub use masks::masks_of;
 pub(super) use tree::only_unread;
@@ -70,7 +70,7 @@ impl Scene {
     /// [`Error`], with the file and record at fault and what to do. Views without a usable pose and points without a
     /// usable position are left out and counted in [`Scene::skipped`].
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Self, Error> {
-        let Place { root, outer, poses, note } = place::find(path, options)?;
+        let Place { root, outer, poses, note } = place::find(path, options).map_err(place::told)?;
         let mut listing = match poses {
             Poses::Colmap(model) => colmap::read(&root, &model, options)?,
             Poses::Transforms(file) => transforms::read(&root, &outer, &file, options)?,
@@ -82,7 +82,7 @@ impl Scene {
     /// Finds the scene at `path` as [`Scene::open`] does, and reads nothing.
     ///
     /// # Errors
-    /// [`Error::NoPoses`] for a folder of photos alone; [`Error::NoScene`]; [`Error::Io`].
+    /// [`Error::NoPoses`] for a folder of photos alone, with the poses beside them but nothing else; [`Error::NoScene`]; [`Error::Io`].
     pub fn find(path: &Path, options: &OpenOptions) -> Result<(), Error> {
         place::find(path, options).map(|_| ())
     }
@@ -94,7 +94,7 @@ pub fn photo_folder(capture: &Path, asked: Option<&Path>) -> Option<PathBuf> {
     let asked = asked.and_then(|asked| files::image_folder(capture, asked).ok());
     let usual = ["corrected_images", "images", "input"].map(|sub| files::child(capture, sub));
     let folders = asked.into_iter().chain(usual).chain([capture.to_owned()]);
-    folders.into_iter().find(|folder| !photo_names(folder).is_empty())
+    folders.into_iter().find(|folder| !PhotoTree::with_twins(folder).names.is_empty())
 }
 
 /// Sorts views, reads their photos' headers, chooses ideal cameras and renumbers tracks.
@@ -115,7 +115,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     }
     if listed.iter().any(|view| view.mask.is_some()) {
         let mut whole = Names::default();
-        listed.iter().filter(|view| view.mask.is_none()).for_each(|view| whole.add(&view.name));
+        listed.iter().filter(|view| !view.is_masked()).for_each(|view| whole.add(&view.name));
         let photos = counted(whole.count, "photo");
         skipped.notes.extend((whole.count > 0).then(|| format!("{photos} without a mask, used as a whole ({whole})")));
     }
@@ -199,7 +199,7 @@ fn finish(
         if lens.model == LensModel::Equirectangular && lens.width.abs_diff(2 * lens.height) > 2 + lens.width / 100 {
             let (width, height) = (lens.width, lens.height);
             let what = format!(
-                "is {width} x {height}: a panorama is twice as wide as high; fill up what was cut off, with ImageMagick by `magick mogrify \
+                "is {width} x {height}: a panorama is twice as wide as high; fill up what was cut off, with ImageMagick: `magick mogrify \
                  -gravity center -background black -extent {width}x{} FILE`",
                 width / 2
             );

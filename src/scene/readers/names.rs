@@ -2,9 +2,9 @@
 
 use crate::extension::has_extension;
 use crate::percent::percent_decoded;
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use unicode_normalization::UnicodeNormalization;
 
@@ -16,10 +16,16 @@ const SCENES: [&str; 5] = ["sparse", "cameras.bin", "cameras.txt", "transforms.j
 /// Files that make their folder a result of this program, or a model whose parts are pictures.
 const RESULTS: [&str; 4] = ["pose.json", "config.toml", "metrics.json", "means_l.webp"];
 
-/// Words of a name, in lower case, that say that a file belongs to a photo and is none itself; those of maps only
-/// where a file holds numbers without loss.
-const MASK_WORDS: &str = "mask masks";
-const MAP_WORDS: &str = "depth depths depthmap disparity conf confidence normal normals segmentation";
+/// Words of a name, in lower case, that say that a file belongs to a photo and is none itself: a mask, a copy or labels, or, where a file
+/// holds numbers without loss, a map. Beside maps, photos may be called by the last words.
+pub(super) const MASK_WORDS: &str = "mask masks";
+pub(super) const COPY_WORDS: &str = "masked thumb thumbnail ir seg semantic";
+pub(super) const MAP_WORDS: &str = "depth depths depthmap disparity conf confidence normal normals segmentation";
+const PHOTO_WORDS: &str = "color colors rgb image img";
+/// The words of files that a photo's number alone may name.
+pub(super) const WORDS: [&str; 2] = [MASK_WORDS, MAP_WORDS];
+/// Characters between the words of a name; digits are, too.
+pub(super) const SEPARATORS: [char; 4] = ['.', '_', '-', ' '];
 /// Extensions of files that hold numbers without loss.
 const LOSSLESS: [&str; 4] = ["png", "tif", "tiff", "exr"];
 
@@ -46,6 +52,11 @@ pub(super) fn unescaped(name: &str) -> Option<String> {
 /// The last part of a path with forward slashes.
 pub(super) fn last(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
+}
+
+/// A path without its last part; empty if that is all.
+pub(super) fn above(path: &str) -> &str {
+    path.rsplit_once(['/', '\\']).map_or("", |(folder, _)| folder)
 }
 
 /// Key of the folder that a path's last part lies in; empty without one.
@@ -84,21 +95,33 @@ pub(super) fn key(path: &str) -> String {
     without_extension(&tidy(path)).nfc().collect::<String>().to_lowercase()
 }
 
-/// The keys of photos that a file may belong to as its mask, or as its depth map or the like if `maps`; none if its name
-/// does not say that it does.
-pub(super) fn belongs_to(path: &str, maps: bool) -> Vec<String> {
+/// Files by the keys of the photos that they may belong to.
+pub(super) type Owners = HashMap<String, BTreeSet<PathBuf>>;
+
+/// Words of maps before a number.
+const NUMBERED: &str = "depth disparity confidence";
+
+/// True for one of these words.
+fn is_one_of(words: &str, word: &str) -> bool {
+    words.split(' ').any(|known| known == word)
+}
+
+/// The keys of photos that a file may belong to, if one of these lists of words says so: as its mask, its small copy, its depth map or
+/// the like; none if its name does not say that it does.
+pub(super) fn belongs_to(path: &str, words: &[&str]) -> Vec<String> {
     let lossless = has_extension(Path::new(path), &LOSSLESS);
     let key = key(path);
     let (folder, stem) = key.rsplit_once('/').map_or(("", key.as_str()), |(f, s)| (f, s));
     let within = |name: &str| if folder.is_empty() { name.to_owned() } else { format!("{folder}/{name}") };
-    let one_of = |words: &str, w: &str| words.split(' ').any(|word| word == w);
-    let is_word = |w: &str| one_of(MASK_WORDS, w) || (maps && lossless && one_of(MAP_WORDS, w));
-    let separators = ['.', '_', '-', ' '];
+    let is_word = |w: &str| words.iter().any(|list| is_one_of(list, w) && (lossless || *list != MAP_WORDS));
     let mut at = 0;
-    for word in stem.split(separators) {
-        if is_word(word) && word.len() < stem.len() {
-            let before = stem[..at].trim_end_matches(separators);
-            let after = stem[at + word.len()..].trim_start_matches(separators);
+    for word in stem.split(|c: char| SEPARATORS.contains(&c) || c.is_ascii_digit()) {
+        // normal1.png is a photo as front1.png is; depth1.png is not.
+        let numbered = stem[at + word.len()..].starts_with(|c: char| c.is_ascii_digit());
+        let counts = !numbered || [NUMBERED, COPY_WORDS].iter().any(|list| is_one_of(list, word));
+        if counts && is_word(word) && word.len() < stem.len() {
+            let before = stem[..at].trim_end_matches(SEPARATORS);
+            let after = stem[at + word.len()..].trim_start_matches(SEPARATORS);
             let mut owners = Vec::new();
             let whole = format!("{}{after}", &stem[..at]);
             for owner in [before, after, if before.is_empty() || after.is_empty() { "" } else { whole.as_str() }] {
@@ -127,15 +150,30 @@ pub(super) struct Named {
 
 impl Named {
     /// The photos with these keys.
-    pub fn of(keys: HashSet<String>) -> Self {
+    pub fn of(mut keys: HashSet<String>) -> Self {
+        let plain = |key: &String| {
+            let (plain, word) = key.rsplit_once(SEPARATORS)?;
+            is_one_of(PHOTO_WORDS, word).then(|| plain.to_owned())
+        };
+        let plain: Vec<String> = keys.iter().filter_map(plain).collect();
+        keys.extend(plain);
         let numbers = keys.iter().map(|key| number(key).to_owned()).filter(|number| !number.is_empty()).collect();
         Self { keys, numbers }
     }
 
-    /// True if one of them is the owner of a file: by its whole name, or by the same number at its end (frame_00001 and
-    /// depth_00001).
+    /// True if one of them is the owner of a file: by its whole name, perhaps with one more word (x_hair_mask), or by the same
+    /// number at its end (frame_00001 and depth_00001).
     pub fn has_owner(&self, owners: &[String]) -> bool {
-        owners.iter().any(|owner| self.keys.contains(owner) || self.numbers.contains(last(owner)))
+        let is_one = |name: &str| self.keys.contains(name) || self.numbers.contains(last(name));
+        let shorter = |owner: &str| {
+            owner.rsplit_once(SEPARATORS).is_some_and(|(shorter, word)| !word.contains('/') && is_one(shorter))
+        };
+        owners.iter().any(|owner| is_one(owner) || shorter(owner))
+    }
+
+    /// True if one of them is the owner of a file by its whole name: a photo may be called masked_1 beside bare_1.
+    pub fn has_original(&self, owners: &[String]) -> bool {
+        owners.iter().any(|owner| self.keys.contains(owner))
     }
 }
 
@@ -171,15 +209,21 @@ mod tests {
 
     #[test]
     fn masks_and_maps_name_their_photos() {
-        let owners = |name: &str| belongs_to(name, true);
+        let owners = |name: &str| belongs_to(name, &WORDS);
         assert_eq!(owners("a/x.PNG.mask.png"), ["a/x".to_owned()]);
         assert!(owners("x_mask.jpg").contains(&"x".to_owned()));
         assert!(owners("mask_x.png").contains(&"x".to_owned()));
         assert!(owners("r_0_depth_0001.png").contains(&"r_0".to_owned()));
         let photos = Named::of(["frame_00012".to_owned(), "x".to_owned()].into());
-        assert!(photos.has_owner(&owners("depth_00012.png")) && photos.has_owner(&owners("x_depth.png")));
+        for file in ["depth_00012.png", "depth00012.png", "x_depth.png", "x_hair_mask.png"] {
+            assert!(photos.has_owner(&owners(file)), "{file}");
+        }
+        for (file, is_copy) in [("x_thumb.jpg", true), ("x.ir.png", true), ("masked_00012.jpg", false)] {
+            assert_eq!(photos.has_original(&belongs_to(file, &[COPY_WORDS])), is_copy, "{file}");
+        }
         assert!(!photos.has_owner(&owners("depth_00013.png")) && !photos.has_owner(&owners("x00012_depth.png")));
-        for photo in ["depth_1.jpg", "mask.png", "masked_x.png", "alpha_01.jpg"] {
+        assert!(!Named::of(["01".to_owned()].into()).has_owner(&owners("01_left/x_mask.png")));
+        for photo in ["depth_1.jpg", "mask.png", "unmasked_x.png", "alpha_01.jpg"] {
             assert!(owners(photo).is_empty(), "{photo}");
         }
     }

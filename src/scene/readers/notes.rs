@@ -29,7 +29,7 @@ pub(super) fn unseen(views: &[View], points: &[Point]) -> Option<String> {
     let count = views.iter().filter(blind).count();
     (2 * count > views.len()).then(|| {
         format!(
-            "{count} of {} see none of the points: do cameras and points lie in one world, and do the poses have the axes and the \
+            "{count} of {} see none of the points: are cameras and points in the same world, and do the poses have the axes and the \
              direction (camera to world or back) of their format?",
             counted(views.len(), "view")
         )
@@ -52,7 +52,7 @@ pub(super) fn outlying(views: &[View]) -> Option<String> {
     far.for_each(|(view, _)| names.add_photo(view));
     let views = counted(names.count, "camera");
     (names.count > 0).then(|| {
-        format!("{views} more than {FAR} times as far out as half of them: leave out, or pose again ({names})")
+        format!("{views} more than {FAR} times as far out as half of them: leave them out, or pose again ({names})")
     })
 }
 
@@ -76,7 +76,7 @@ pub(super) fn off_middle(views: &[View]) -> Option<String> {
 /// Counts the photos in `folder` that no view has, and those that cannot be read.
 pub(super) fn unposed(folder: &Path, (views, left_out): (&[View], &[PathBuf]), skipped: &mut Skipped) {
     let known: HashSet<&Path> = views.iter().map(|view| &view.image).chain(left_out).map(PathBuf::as_path).collect();
-    let mut tree = PhotoTree::of(folder);
+    let mut tree = PhotoTree::with_twins(folder);
     tree.unread.retain(|name| !known.contains(folder.join(name).as_path()));
     // `a.jpg` and `a.png` may stand for each other.
     let is_used = |photo: &Path| known.contains(photo) || is_replaced(photo, &known);

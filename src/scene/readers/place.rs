@@ -2,12 +2,13 @@
 
 use crate::extension::{folder_of, has_extension};
 use std::borrow::Cow;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use super::files::{child, inside, subfolders};
-use super::instead::instead;
+use super::foreign::{self, SUBFOLDERS};
+use super::instead::{archive_in, instead};
 use super::tree::{PhotoTree, unread};
-use super::{colmap, foreign, photo_folder};
+use super::{colmap, photo_folder};
 use crate::scene::{Error, OpenOptions};
 
 /// The places where [`find`] looks, in this order.
@@ -39,8 +40,8 @@ pub(super) struct Place {
 pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
     std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
     let folder = if path.is_file() { folder_of(path) } else { path };
-    let nothing = |beside| match instead(path) {
-        Some(what) => Error::Instead { path: path.to_owned(), what },
+    let nothing = |beside: String| match instead(path) {
+        Some(what) => Error::Instead { path: path.to_owned(), what: what + &beside },
         None => Error::NoScene { root: path.to_owned(), looked_for: LOOKED_FOR, beside },
     };
     if path.is_file() && !is_part(path) {
@@ -64,16 +65,24 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
         let note = format!("no poses in {} itself: {} in it is used", folder.display(), name_in(folder, &place.root));
         return Ok(Place { outer: folder.to_owned(), note: Some(place.note.unwrap_or(note)), ..place });
     }
-    let beside = above(folder).unwrap_or_else(|| foreign::poses(folder));
+    let beside = above(folder).or_else(|| deeper(folder)).unwrap_or_else(|| foreign::poses(folder));
     match photo_folder(folder, options.images.as_deref()) {
         Some(images) => {
-            let tree = PhotoTree::of(&images);
-            let unread = unread(&tree.unread).map(|unread| format!("; {unread}")).unwrap_or_default();
-            let (photos, beside) = (tree.names.len(), beside + &unread);
+            let photos = PhotoTree::of(&images).names.len();
             Err(Error::NoPoses { root: folder.to_owned(), images, photos, beside })
         }
         None => Err(nothing(beside)),
     }
+}
+
+/// An error of [`find`] that also tells of an archive that may hold poses, and of photos that are not read.
+pub(super) fn told(error: Error) -> Error {
+    let Error::NoPoses { root, images, photos, beside } = error else { return error };
+    let packed = archive_in(&root).filter(|_| beside.is_empty());
+    let packed = packed.map(|zip| format!("; if {} holds some, unpack it", zip.display())).unwrap_or_default();
+    let unread = unread(&PhotoTree::with_twins(&images).unread);
+    let unread = unread.map(|unread| format!("; {unread}")).unwrap_or_default();
+    Error::NoPoses { root, images, photos, beside: beside + &packed + &unread }
 }
 
 /// True for the path of a COLMAP model's file.
@@ -84,13 +93,22 @@ fn is_part(path: &Path) -> bool {
 
 /// A clause on the poses beside a folder of photos.
 fn above(folder: &Path) -> Option<String> {
-    let above = match folder.parent() {
-        Some(parent) if parent.as_os_str().is_empty() => Path::new("."),
-        Some(parent) => parent,
-        None => Path::new(".."),
+    let above = match folder.components().next_back()? {
+        Component::Normal(_) => folder_of(folder).to_owned(),
+        Component::CurDir => PathBuf::from(".."),
+        _ => folder.join(".."),
     };
-    here(above, &OpenOptions::default())?;
+    here(&above, &OpenOptions::default())?;
     Some(format!("; poses lie beside it: give {} to use them", above.display()))
+}
+
+/// A clause on scenes in the folders of a folder's subfolders, of which none is chosen.
+fn deeper(folder: &Path) -> Option<String> {
+    let deeper = subfolders(folder).take(SUBFOLDERS).flat_map(|path| subfolders(&path).collect::<Vec<_>>());
+    let scenes = deeper.take(SUBFOLDERS).filter_map(|path| here(&path, &OpenOptions::default()));
+    let found: Vec<String> = scenes.map(|place| place.root.display().to_string()).collect();
+    let one = if found.len() == 1 { "it" } else { "one of these" };
+    (!found.is_empty()).then(|| format!("; poses lie in {}: give {one} to use them", found.join(", ")))
 }
 
 impl Place {

@@ -44,6 +44,11 @@ pub(super) fn divide(rows: &mut [Vec<f64>]) -> Result<(), String> {
     Ok(())
 }
 
+/// Turns OpenCV's camera axes (x right, y down, z forwards) of a camera-to-world matrix into OpenGL's.
+pub(super) fn opencv_to_opengl(rows: &mut [Vec<f64>]) {
+    rows.iter_mut().flat_map(|row| row.iter_mut().skip(1).take(2)).for_each(|v| *v = -*v);
+}
+
 /// True for a matrix that would be a pose if it did not mirror the world.
 pub(super) fn is_mirrored(rows: &[Vec<f64>]) -> bool {
     let flipped: Vec<Vec<f64>> =

@@ -4,29 +4,18 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::files::{inside, photo_size};
-use super::kinds::{is_photo_name, unread_format};
-use super::names::{Named, belongs_to, is_scene, key, last};
+use super::files::{inside, may_be_map, photo_size, rank};
+use super::kinds::{is_photo_name, spelt_usually, unread_format};
+use super::names::{COPY_WORDS, Named, SEPARATORS, WORDS, belongs_to, is_scene, key, last};
 use crate::extension::folder_of;
 use crate::scene::Names;
 use crate::wording::counted;
 
 /// Names, in lower case, of folders of small copies, which cameras and servers write.
 const SMALL: [&str; 6] = ["thumb", "thumbs", "thumbnail", "thumbnails", "thmbnl", "@eadir"];
-/// Names, in lower case, of folders of maps that belong to photos.
-const MAPS: [&str; 11] = [
-    "depth",
-    "depths",
-    "depth_maps",
-    "depthmaps",
-    "depth_images",
-    "disparity",
-    "confidence",
-    "confidence_maps",
-    "normals",
-    "normal_maps",
-    "segmentation",
-];
+/// Names, in lower case, of folders of maps that belong to photos and are no masks.
+const MAPS: &str = "depth depths depth_maps depthmaps depth_images rendered_depth disparity confidence confidence_maps normals normal_maps";
+
 /// Photos in a folder and its subfolders.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PhotoTree {
@@ -36,6 +25,8 @@ pub struct PhotoTree {
     pub left_out: Vec<String>,
     /// Files beside photos that are their masks, maps or small copies, likewise.
     pub aside: Vec<String>,
+    /// Files that share a photo's name, in another format, likewise.
+    pub twins: Vec<String>,
     /// Photos in formats that are not read, and of which there is no copy beside them that is, likewise.
     pub unread: Vec<String>,
 }
@@ -45,10 +36,17 @@ impl PhotoTree {
     /// second copies of photos, and folders that hold a scene with poses or a result of this program. Empty if there is no
     /// such folder.
     pub fn of(folder: &Path) -> Self {
+        let mut tree = Self::with_twins(folder);
+        tree.part_twins(folder);
+        tree
+    }
+
+    /// Looks into a folder as [`Self::of`] does, and keeps photos of one name in several formats: poses tell which is meant.
+    pub(super) fn with_twins(folder: &Path) -> Self {
         Self::read(folder, false)
     }
 
-    /// Looks into a folder as [`Self::of`] does, and also into its subfolders if it holds a scene with poses itself.
+    /// Looks into a folder as [`Self::with_twins`] does, and also into its subfolders if it holds a scene with poses itself.
     pub(super) fn whole(folder: &Path) -> Self {
         Self::read(folder, true)
     }
@@ -73,7 +71,7 @@ impl PhotoTree {
                 if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                     match own.to_lowercase().as_str() {
                         lower if is_mask_folder(lower) => {}
-                        lower if is_aside_folder(lower) => tree.left_out.push(name),
+                        lower if is_aside_folder(lower) || holds_maps(&entry.path(), lower) => tree.left_out.push(name),
                         // A scene's photos are in the folder itself; what lies deeper belongs to its results.
                         _ if marked && !whole => {}
                         _ => open.push((entry.path(), name + "/")),
@@ -101,18 +99,43 @@ impl PhotoTree {
 
     /// Adds the photos of one folder, and sets aside what belongs to one of them.
     fn add(&mut self, files: Vec<String>) {
-        let owners: Vec<Vec<String>> = files.iter().map(|file| belongs_to(file, true)).collect();
+        let owners: Vec<Vec<String>> = files.iter().map(|file| belongs_to(file, &WORDS)).collect();
         let own = files.iter().zip(&owners).filter(|(_, owners)| owners.is_empty());
         let photos = Named::of(own.map(|(file, _)| key(file)).collect());
         for (file, owners) in files.into_iter().zip(owners) {
-            let to = if photos.has_owner(&owners) { &mut self.aside } else { &mut self.names };
+            let is_aside = photos.has_owner(&owners) || photos.has_original(&belongs_to(&file, &[COPY_WORDS]));
+            let to = if is_aside { &mut self.aside } else { &mut self.names };
             to.push(file);
         }
     }
 
+    /// Keeps one of the photos of one name and size, by [`rank`]. a.jpg.png is another of a.jpg.
+    fn part_twins(&mut self, root: &Path) {
+        let mut named: BTreeMap<PathBuf, Vec<String>> = BTreeMap::new();
+        for name in &self.names {
+            let stem = Path::new(name).with_extension("");
+            let stem = if is_photo_name(&stem) { stem.with_extension("") } else { stem };
+            named.entry(stem).or_default().push(name.clone());
+        }
+        let others = |mut same: Vec<String>| {
+            same.sort_by_cached_key(|name| rank(&root.join(name))); // stable
+            let of = |name: &String| (spelt_usually(Path::new(name)), photo_size(&root.join(name)));
+            let (format, size) = of(&same[0]);
+            same.retain(|name| {
+                let (own, pixels) = of(name);
+                own != format && pixels == size
+            });
+            same
+        };
+        let several = named.into_values().filter(|same| same.len() > 1);
+        let twins: BTreeSet<String> = several.flat_map(others).collect();
+        self.names.retain(|name| !twins.contains(name));
+        self.twins = twins.into_iter().collect();
+    }
+
     /// Keeps one of the folders with the same photos: corrected_images before images, images before images_2, that
-    /// before images_4. Folders with other names ending in _2 hold copies if these are half as large: there are cameras
-    /// of such names.
+    /// before images_4. Folders with other names ending in _2, and 2x beside 1x, hold copies if these are half as large: there are
+    /// cameras of such names.
     fn drop_copies(&mut self, root: &Path) {
         let mut held: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
         for name in &self.names {
@@ -128,11 +151,14 @@ impl PhotoTree {
             let is_smaller = |(whole, factor): &(String, u32)| {
                 own.starts_with("images_") || (same(whole) && self.is_reduced(root, (folder, whole), *factor))
             };
-            let scaled = scaled.filter(is_smaller).map(|(whole, _)| whole);
+            let times = own.strip_suffix('x').and_then(|n| n.parse::<u32>().ok()).filter(|n| n.is_power_of_two());
+            let times = times.map_or(0, u32::ilog2);
+            let fewer = (0..times).map(|power| (beside(&format!("{}x", 1 << power)), 1_u32 << (times - power)));
+            let scaled = scaled.into_iter().chain(fewer).filter(is_smaller).map(|(whole, _)| whole);
             let larger = (1..reduction(own).ilog2()).map(|power| beside(&format!("images_{}", 1 << power)));
             let corrected = (own == "images").then(|| beside("corrected_images"));
-            let better = scaled.into_iter().chain(larger).chain(corrected);
-            if !own.is_empty() && better.into_iter().any(|other| same(&other)) {
+            let mut better = scaled.chain(larger).chain(corrected);
+            if !own.is_empty() && better.any(|other| same(&other)) {
                 copies.push((*folder).to_owned());
             }
         }
@@ -158,12 +184,16 @@ impl PhotoTree {
 
     /// Notes on files that are not used as photos.
     pub fn notes(&self) -> Vec<String> {
-        let mut aside = Names::default();
-        self.aside.iter().for_each(|name| aside.add(name));
-        let files = counted(aside.count, "file");
-        let aside =
-            (aside.count > 0).then(|| format!("{files} set aside as masks, maps or small copies of photos ({aside})"));
-        aside.into_iter().chain(unread(&self.unread)).collect()
+        let told = |names: &[String], what: &str| {
+            let mut some = Names::default();
+            for name in names {
+                some.add(name);
+            }
+            (some.count > 0).then(|| format!("{} {what} ({some})", counted(some.count, "file")))
+        };
+        let aside = told(&self.aside, "set aside as masks, maps or small copies of photos");
+        let twins = told(&self.twins, "not used, as photos in another format have their names");
+        aside.into_iter().chain(twins).chain(unread(&self.unread)).collect()
     }
 
     /// The folders that hold photos, by their paths within the folder (empty for itself), with their numbers of photos.
@@ -194,7 +224,7 @@ pub(super) fn unread(names: &[String]) -> Option<String> {
 /// The command that converts all photos with the extension of this one.
 fn conversion(photo: &Path) -> String {
     let every = photo.extension().map_or_else(|| "*".into(), |e| format!("*.{}", e.display()));
-    format!("with ImageMagick by `magick mogrify -format jpg -quality 95 {every}`")
+    format!("with ImageMagick: `magick mogrify -format jpg -quality 95 {every}`")
 }
 
 /// A clause on the file beside an absent photo that is the same photo in a format that is not read.
@@ -219,7 +249,7 @@ fn is_product(name: &str) -> bool {
 
 /// True for the name, in lower case, of a folder of maps or of small copies.
 fn is_aside_folder(lower: &str) -> bool {
-    SMALL.contains(&lower) || MAPS.contains(&lower)
+    SMALL.contains(&lower) || lower == "segmentation" || is_map_folder(lower)
 }
 
 /// The subfolders of a capture in which its photos may lie; folders of smaller copies last, the largest copies first.
@@ -233,6 +263,7 @@ pub(super) fn photo_folders(capture: &Path) -> Vec<PathBuf> {
             let left_out = lower.starts_with('.')
                 || is_mask_folder(&lower)
                 || is_aside_folder(&lower)
+                || holds_maps(&path, &lower)
                 || (of_a_run && lower == "renders");
             let inner: Vec<_> = fs::read_dir(&path).ok()?.flatten().collect();
             (!left_out && !is_scene(&inner)).then(|| (reduction(&lower), path))
@@ -252,7 +283,14 @@ pub(super) fn is_mask_folder(lower: &str) -> bool {
 
 /// True for the name, in lower case, of a folder of maps that are no masks.
 pub(super) fn is_map_folder(lower: &str) -> bool {
-    MAPS.contains(&lower) && lower != "segmentation"
+    MAPS.split(' ').any(|map| map == lower)
+}
+
+/// True for a folder one word of whose name, in lower case, is that of maps, and whose first picture may be one.
+fn holds_maps(folder: &Path, lower: &str) -> bool {
+    let first = || inside(folder).into_iter().find(|path| is_photo_name(path));
+    let mut words = lower.split(|c: char| SEPARATORS.contains(&c) || c.is_ascii_digit());
+    words.any(is_map_folder) && first().is_some_and(|picture| may_be_map(&picture))
 }
 
 /// Names of the photos in a folder and its subfolders: those of its [`PhotoTree`].

@@ -113,9 +113,12 @@ impl BlockRun {
         config.respell(absolute);
         let opened = open(&config.selection())?.with_depths(session.watcher);
         let pixels = opened.train_pixels();
-        let initial = Start::of(&config, &opened.scene, pixels.iter().copied().max().unwrap_or(0))?.len();
+        let start = Start::of(&config, &opened.scene, pixels.iter().copied().max().unwrap_or(0), session.watcher)?;
+        let (initial, degree) = (start.len(), start.degree());
+        drop(start);
         let mut prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
-        let (decisions, _) = effects::decide(&prepared, &config)?;
+        let (mut decisions, _) = effects::decide(&prepared, &config)?;
+        effects::keep_bands(&mut decisions, degree);
         session.watcher.note(&effects::summary(&decisions));
         let mut config = RunConfig { background: Some(prepared.background), ..config.decided(&decisions) };
         for decision in &decisions {
@@ -293,7 +296,7 @@ impl BlockRun {
 
     /// The choice as a compression of the joined blocks by the run's photos.
     fn choice(&self) -> Result<(CompressConfig, &Pruning), Error> {
-        let RunConfig { prune, style, seed, .. } = &self.config;
+        let RunConfig { prune, style, exposure, seed, .. } = &self.config;
         let pruning = prune.as_ref().ok_or_else(|| Error::Usage("this run does not prune".to_owned()))?;
         let views = ViewSource::Photos(self.config.selection());
         let mut compression = pruning.compression.clone();
@@ -301,7 +304,8 @@ impl BlockRun {
             // Together, blocks may grow to slightly more or fewer Gaussians than the undivided run.
             compression.keep = Keep::Count((share * planned as f64).round().max(1.0) as usize);
         }
-        Ok((CompressConfig { compression, views, style: *style, fine_tune: 0, seed: *seed }, pruning))
+        let (style, exposure, seed) = (*style, *exposure, *seed);
+        Ok((CompressConfig { compression, views, style, exposure, fine_tune: 0, seed }, pruning))
     }
 }
 

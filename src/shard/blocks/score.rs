@@ -5,7 +5,7 @@ use crate::gaussians::Gaussians;
 use crate::job::records::{Protocol, RunRecord};
 use crate::job::{Error, RunConfig, Session};
 use crate::pipeline::eval::{self, Evaluation};
-use crate::pipeline::evaluate::{Assessment, Compared, protocol};
+use crate::pipeline::evaluate::{Assessment, rules};
 use std::ops::Range;
 use std::path::Path;
 
@@ -24,17 +24,15 @@ impl BlockRun {
     /// the watcher.
     pub fn record(&self, session: &Session<'_>, file: &Path, model: &Gaussians, measured: Assessment) -> RunRecord {
         measured.held_out.warn(session.watcher);
-        let (config, selection) = (&self.config, self.config.selection());
-        let compared = Compared {
+        let config = &self.config;
+        let protocol = Protocol {
             train_views: self.photos.len(),
             test_views: self.held_out.len(),
             image_size: self.image_size,
             background: config.background.unwrap_or_default(),
-        };
-        let protocol = Protocol {
             iterations: Some(config.schedule.iterations),
             seed: Some(config.seed),
-            ..protocol(&selection, compared, session.networks, config.exposure)
+            ..rules(config.eval_every, session.networks, config.exposure)
         };
         measured.record(session, self.skipped.clone(), protocol, model, file)
     }

@@ -12,8 +12,12 @@ use crate::train::state::TrainState;
 use safetensors::SafeTensorError;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
+/// Largest header in bytes that safetensors accepts.
+const LONGEST_HEADER: u64 = 100_000_000;
 /// The header entry that holds all notes as JSON.
 const NOTES: &str = "notes";
 /// The note with the number of iterations done.
@@ -110,6 +114,20 @@ impl Snapshot {
         let ordered = serde_json::to_string(&ordered).map_err(|e| stored(e.to_string()))?;
         let notes = [(NOTES.to_owned(), ordered)].into();
         views.and_then(|views| safetensors::serialize(views, Some(notes))).map_err(|e| stored(e.to_string()))
+    }
+
+    /// A note of the snapshot in a file, from its header alone; `None` if it cannot be read. Its checksum is not compared.
+    pub fn note(path: &Path, name: &str) -> Option<String> {
+        let mut file = File::open(path).ok()?;
+        let (mut length, mut header) = ([0; 8], Vec::new());
+        file.read_exact(&mut length).ok()?;
+        file.take(u64::from_le_bytes(length).min(LONGEST_HEADER)).read_to_end(&mut header).ok()?;
+        let header: serde_json::Value = serde_json::from_slice(&header).ok()?;
+        let entries = header.get("__metadata__")?;
+        match entries.get(NOTES) {
+            Some(text) => serde_json::from_str::<HashMap<String, String>>(text.as_str()?).ok()?.remove(name),
+            None => Some(entries.get(name)?.as_str()?.to_owned()),
+        }
     }
 
     /// Reads a snapshot.

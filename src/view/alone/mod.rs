@@ -47,6 +47,8 @@ pub struct PageOptions {
     pub near: Option<f32>,
     /// A picture from that camera, as a `data:` URI, shown until the model is drawn.
     pub poster: Option<String>,
+    /// What the page says about the model; by default its number of Gaussians.
+    pub facts: Option<String>,
 }
 
 impl PageOptions {
@@ -76,6 +78,7 @@ impl Default for PageOptions {
             target: None,
             near: None,
             poster: None,
+            facts: None,
         }
     }
 }
@@ -178,6 +181,7 @@ fn scene(model: &Gaussians, options: &PageOptions) -> Value {
         "background": options.background,
         "dilation": settings.dilation,
         "antialiased": options.style.antialias,
+        "facts": options.facts,
         "made": concat!("packed by qirf-vk ", env!("CARGO_PKG_VERSION")),
     })
 }

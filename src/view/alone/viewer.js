@@ -300,7 +300,8 @@ function begin() {
     } catch (error) {
       return say(`the model cannot be drawn: ${error.message}`);
     }
-    $("facts").textContent = `${data.n.toLocaleString("en")} Gaussian${data.n === 1 ? "" : "s"}, ${scene.made}`;
+    const facts = scene.facts ?? `${data.n.toLocaleString("en")} Gaussian${data.n === 1 ? "" : "s"}`;
+    $("facts").textContent = `${facts}, ${scene.made}`;
     listen();
     home();
     requestAnimationFrame(tick);

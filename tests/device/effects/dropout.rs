@@ -1,13 +1,13 @@
 //! Dropout: the kernel leaves out whom its twin does, and runs with it repeat to the bit.
 
+use crate::device::rasterise::render;
 use crate::device::train::runs::{bits, options, train, trainer};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
-use crate::support::{device, finish};
-use qirf_vk::gaussians::resident::Resident;
-use qirf_vk::gpu::Recording;
+use crate::support::{device, finish, repeats};
+use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_LOGIT};
 use qirf_vk::reference::dropout as twin;
-use qirf_vk::render::{Backward, Renderer, Settings, TrainingRenderer};
+use qirf_vk::render::{Backward, Settings, TrainingRenderer};
 use qirf_vk::train::{Options, TrainingModel, dropout};
 
 const KEY: [u32; 2] = [5, 77];
@@ -42,8 +42,7 @@ fn left_out_as_the_twin_has_it() {
         let raised = 1.0 / (1.0 + (-*logit).exp()) / (1.0 - share);
         *logit = (raised / (1.0 - raised)).ln();
     }
-    let mut plain = Renderer::new(&device, Settings::default(), kept.len(), 45, 37).unwrap();
-    let right = plain.render(&Resident::upload(&device, &alone).unwrap(), &camera).unwrap().pixels;
+    let right = render(&device, &alone, &camera, Settings::default()).pixels;
     let off: f32 = picture.iter().zip(&right).map(|(a, b)| (a[0] - b[0]).abs() + (a[1] - b[1]).abs()).sum();
     let light: f32 = right.iter().map(|p| p[0] + p[1]).sum();
     assert!(off < 0.02 * light, "{off} of {light}");
@@ -52,14 +51,14 @@ fn left_out_as_the_twin_has_it() {
 
 #[test]
 fn runs_with_dropout_repeat_to_the_bit_and_differ_from_those_without() {
-    let device = device();
-    let model = |dropout: bool| {
-        let mut trainer = trainer(&device, Options { dropout, ..options() });
+    let (device, again) = (device(), repeats());
+    let model = |device: &Device, dropout: bool| {
+        let mut trainer = trainer(device, Options { dropout, ..options() });
         train(&mut trainer, 40);
         bits(&trainer.download().unwrap())
     };
-    let with = model(true);
-    assert!(with == model(true) && with != model(false));
+    let with = model(&device, true);
+    assert!(with == model(&again, true) && with != model(&again, false));
     assert!(dropout::share(0, 100, 10) == 0.0 && (dropout::share(50, 100, 10) - 0.1).abs() < 1e-7);
     assert_eq!(dropout::share(900, 100, 10), dropout::share(100, 100, 10));
     // Seventeen and a half times as often as there are photos, and far more often.

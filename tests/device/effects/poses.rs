@@ -1,5 +1,6 @@
 //! Poses: the kernel against its twin, cameras that were turned on purpose, and checkpoints.
 
+use crate::device::train::runs::train;
 use crate::support::runs::config;
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish};
@@ -16,7 +17,6 @@ use qirf_vk::train::checkpoint::Snapshot;
 use qirf_vk::train::initialise::{Seed, from_points};
 use qirf_vk::train::poses::{Poses, STORED};
 use qirf_vk::train::{Options, Trainer, TrainingModel};
-use std::ops::ControlFlow;
 use std::path::Path;
 
 /// The gradient by the camera's motion against float64.
@@ -117,9 +117,6 @@ fn turned_cameras_find_back_and_are_kept_in_checkpoints() {
     let folder = tempfile::tempdir().unwrap();
     let options = SynthOptions { views: 16, width: 64, height: 48, points: 600, ..SynthOptions::default() };
     write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
-    let train = |trainer: &mut Trainer, until: u32| {
-        trainer.run_until(until, |_, _| ControlFlow::Continue(())).unwrap();
-    };
     let (mut whole, right, points) = trainer(&device, folder.path(), 1.5, None);
     let before = apart(whole.photos(), &right, &points);
     train(&mut whole, 205);

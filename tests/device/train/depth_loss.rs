@@ -2,7 +2,7 @@
 
 use super::runs::{bits, capture, options, train};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
-use crate::support::{Random, device, finish, relative};
+use crate::support::{Random, device, finish, relative, repeats};
 use glam::DVec3;
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_COLOUR};
@@ -142,29 +142,29 @@ fn measured(photos: &[Photo]) -> Vec<Photo> {
 
 #[test]
 fn runs_with_depths_repeat_to_the_bit_and_without_maps_cost_nothing() {
-    let device = device();
+    let (device, again) = (device(), repeats());
     let c = capture();
-    let start = |photos: Vec<Photo>, depth_loss: bool| {
+    let start = |device: &Device, photos: Vec<Photo>, depth_loss: bool| {
         let options = Options { depth_loss, ..options() };
-        Trainer::new(&device, &c.start, photos, c.extent, options).unwrap()
+        Trainer::new(device, &c.start, photos, c.extent, options).unwrap()
     };
-    let model = |photos: Vec<Photo>, depth_loss: bool| {
-        let mut trainer = start(photos, depth_loss);
+    let model = |device: &Device, photos: Vec<Photo>, depth_loss: bool| {
+        let mut trainer = start(device, photos, depth_loss);
         train(&mut trainer, 40);
         bits(&trainer.download().unwrap())
     };
-    let (plain, with) = (model(c.train.clone(), false), model(measured(&c.train), true));
-    assert!(plain == model(c.train.clone(), true) && plain == model(measured(&c.train), false));
-    assert!(with == model(measured(&c.train), true) && with != plain);
-    let mut half = start(measured(&c.train), true);
+    let (plain, with) = (model(&device, c.train.clone(), false), model(&device, measured(&c.train), true));
+    assert!(plain == model(&again, c.train.clone(), true) && plain == model(&again, measured(&c.train), false));
+    assert!(with == model(&again, measured(&c.train), true) && with != plain);
+    let mut half = start(&again, measured(&c.train), true);
     train(&mut half, 22);
     let options = Options { depth_loss: true, ..options() };
     let snapshot = half.snapshot().unwrap();
-    let mut rest = Trainer::resume(&device, &snapshot, measured(&c.train), c.extent, options).unwrap();
+    let mut rest = Trainer::resume(&again, &snapshot, measured(&c.train), c.extent, options).unwrap();
     train(&mut rest, 40);
     assert!(bits(&rest.download().unwrap()) == with, "resumed");
     let kernels = |photos: Vec<Photo>, iteration: u32| -> usize {
-        let mut trainer = start(photos, true);
+        let mut trainer = start(&again, photos, true);
         train(&mut trainer, iteration - 1);
         trainer.recording().unwrap().kernels().iter().filter(|k| k.contains("depth_loss")).count()
     };

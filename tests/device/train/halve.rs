@@ -1,7 +1,7 @@
 //! Photos at half their size: the device against its twin, and the camera that sees them.
 
 use super::runs::{capture, options, same_however, train};
-use crate::support::{device, finish};
+use crate::support::{device, finish, repeats};
 use glam::{DVec2, DVec3};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::random::uniform;
@@ -57,7 +57,7 @@ fn the_camera_sees_what_the_photo_shows() {
 /// second part halves nothing.
 #[test]
 fn halved_runs_end_with_the_same_bytes() {
-    let device = device();
+    let (device, again) = (device(), repeats());
     let c = capture();
     // Each photo's pixels three times as wide and high: 192 x 144, of which one view is too small.
     let wide = |v: &Photo| {
@@ -73,8 +73,9 @@ fn halved_runs_end_with_the_same_bytes() {
         let schedule = Schedule { iterations: 50, half_until: 0.5, ..options().schedule };
         Options { schedule, ..options() }
     };
-    let trainer = |options: Options| Trainer::new(&device, &c.start, views.clone(), c.extent, options).unwrap();
-    let mut whole = trainer(halved());
+    let trainer =
+        |device: &Device, options: Options| Trainer::new(device, &c.start, views.clone(), c.extent, options).unwrap();
+    let mut whole = trainer(&device, halved());
     let halves = |trainer: &mut Trainer| trainer.recording().unwrap().kernels().contains(&"train/halve");
     // The view that is too small may be the first.
     assert!(
@@ -86,9 +87,9 @@ fn halved_runs_end_with_the_same_bytes() {
     train(&mut whole, 25);
     assert!(!halves(&mut whole));
     train(&mut whole, 50);
-    let resume = |at: &Snapshot| Trainer::resume(&device, at, views.clone(), c.extent, halved()).unwrap();
-    same_however(&whole, &[11], |pairs| trainer(Options { pairs, ..halved() }), resume);
+    let resume = |at: &Snapshot| Trainer::resume(&again, at, views.clone(), c.extent, halved()).unwrap();
+    same_however(&whole, &[11], |pairs| trainer(&again, Options { pairs, ..halved() }), resume);
     let plain = Options { schedule: Schedule { half_until: 0.0, ..halved().schedule }, ..halved() };
-    assert!(!halves(&mut trainer(plain)), "off is free");
+    assert!(!halves(&mut trainer(&device, plain)), "off is free");
     finish(&device);
 }

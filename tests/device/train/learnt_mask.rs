@@ -3,16 +3,16 @@
 
 use super::adam::weights;
 use super::runs::{capture, options, resumed, same_however, train, trainer};
+use crate::device::rasterise::render;
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
-use crate::support::{device, finish};
+use crate::support::{device, finish, repeats};
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::{Buffer, Device, Recording};
 use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_GOOD, ROW_LOG_SCALE, ROW_LOGIT};
 use qirf_vk::lab::methods::learnt_mask::{LearntMask, LearntMasks, MaskMethod};
 use qirf_vk::reference::rasterise_backward::ImageGradient;
 use qirf_vk::reference::{self, Params};
-use qirf_vk::render::{Backward, Renderer, Settings, TrainingRenderer};
+use qirf_vk::render::{Backward, Settings, TrainingRenderer};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::train::method::{Iteration, Method};
 use qirf_vk::train::rates::Rates;
@@ -125,10 +125,8 @@ fn the_masked_are_not_drawn() {
     bench.there_and_back();
     let shown = shown(&scores);
     let kept: Vec<usize> = (0..model.len()).filter(|i| shown[*i]).collect();
-    let alone = Resident::upload(&device, &model.select(&kept)).unwrap();
-    let mut renderer = Renderer::new(&device, settings, kept.len(), SIZE[0], SIZE[1]).unwrap();
-    let whole = renderer.render(&Resident::upload(&device, &model).unwrap(), &bench.camera).unwrap().pixels;
-    let picture = renderer.render(&alone, &bench.camera).unwrap().pixels;
+    let whole = render(&device, &model, &bench.camera, settings).pixels;
+    let picture = render(&device, &model.select(&kept), &bench.camera, settings).pixels;
     assert!(bench.picture() == picture && whole != picture);
     assert_eq!(bench.masks.shown.read(&device).unwrap(), [kept.len() as u32]);
     let rows = bench.rows();
@@ -264,11 +262,14 @@ fn masked(device: &Device, method: MaskMethod, survivors: usize, iterations: u32
 /// before or after the cut. Without masks none of their kernels runs.
 #[test]
 fn masked_runs_end_with_the_same_bytes() {
-    let (device, c) = (device(), capture());
+    let (device, again, c) = (device(), repeats(), capture());
     let survivors = c.start.len() / 3;
-    for method in METHODS {
-        let with = |options: Options| Options { method: Some(masked(&device, method, survivors, 110)), ..options };
-        let mut whole = trainer(&device, with(options()));
+    for (method, second) in METHODS.into_iter().zip([&device, &again]) {
+        let with = |device: &Device, options: Options| {
+            let method = masked(device, method, survivors, 110);
+            Options { method: Some(method), ..options }
+        };
+        let mut whole = trainer(&device, with(&device, options()));
         let kernels = |t: &mut Trainer| {
             let all = t.recording().unwrap().kernels();
             all.iter().filter(|k| k.starts_with("lab/learnt_mask")).count()
@@ -279,10 +280,10 @@ fn masked_runs_end_with_the_same_bytes() {
         println!("{method:?}: {} at first, {cut:?}", c.start.len());
         assert_eq!((whole.len(), cut.after, cut.iteration, kernels(&mut whole)), (survivors, survivors, 83, 0));
         assert!(cut.before < c.start.len() || cut.shown < cut.before, "{cut:?}");
-        let start = |pairs| trainer(&device, with(Options { pairs, ..options() }));
+        let start = |pairs| trainer(second, with(second, Options { pairs, ..options() }));
         same_however(&whole, &[47, 83], start, |at| {
             assert_eq!(at.arrays.is_empty(), at.iteration >= 83);
-            resumed(&device, at, with(options()))
+            resumed(second, at, with(second, options()))
         });
     }
     let mut plain = trainer(&device, options());

@@ -3,7 +3,7 @@
 use super::adam::{Bench, weights};
 use super::runs::{capture, options, resumed, same_however, train, trainer};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
-use crate::support::{device, finish};
+use crate::support::{device, finish, repeats};
 use glam::DVec3;
 use qirf_vk::gpu::Recording;
 use qirf_vk::kernels::constants::gradient_row::{ROW, ROW_LOG_SCALE, ROW_LOGIT};
@@ -74,7 +74,7 @@ fn slopes_and_noise_as_the_twin_has_them() {
 /// A run reaches the planned number and keeps it; interrupted, or short of room for pairs, it ends with the same bytes.
 #[test]
 fn relocating_runs_end_with_the_same_bytes() {
-    let device = device();
+    let (device, again) = (device(), repeats());
     let planned = capture().start.len() * 3 / 2;
     let growth = Some(Growth { gaussians: Some(planned), ..Growth::default() });
     let schedule = Schedule { iterations: 120, growth, ..options().schedule };
@@ -84,7 +84,7 @@ fn relocating_runs_end_with_the_same_bytes() {
     assert_eq!(kernels.iter().filter(|k| **k == "lab/mcmc").count(), 2);
     train(&mut whole, 120);
     assert_eq!(whole.len(), planned);
-    let start = |pairs| trainer(&device, with(Options { pairs, ..options() }));
-    same_however(&whole, &[47], start, |at| resumed(&device, at, with(options())));
+    let start = |pairs| trainer(&again, with(Options { pairs, ..options() }));
+    same_however(&whole, &[47], start, |at| resumed(&again, at, with(options())));
     finish(&device);
 }

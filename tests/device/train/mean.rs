@@ -2,8 +2,9 @@
 //! after resuming.
 
 use super::runs::{bits, options, resumed, train, trainer};
-use crate::support::{device, finish};
+use crate::support::{device, finish, repeats};
 use qirf_vk::gaussians::Gaussians;
+use qirf_vk::gpu::Device;
 use qirf_vk::train::Options;
 use qirf_vk::train::schedule::Schedule;
 
@@ -17,7 +18,7 @@ fn averaging(mean_from: f64) -> Options {
 
 #[test]
 fn the_result_is_the_mean_of_the_last_iterates() {
-    let device = device();
+    let (device, again) = (device(), repeats());
     // Iterations 100 to 110.
     let mut whole = trainer(&device, averaging(0.9));
     let [before, within] = [99, 105].map(|at| {
@@ -27,7 +28,7 @@ fn the_result_is_the_mean_of_the_last_iterates() {
     train(&mut whole, LAST);
     let mean = whole.download().unwrap();
 
-    let mut plain = resumed(&device, &before, averaging(1.0));
+    let mut plain = resumed(&again, &before, averaging(1.0));
     let iterates: Vec<Gaussians> = (100..=LAST)
         .map(|iteration| {
             train(&mut plain, iteration);
@@ -46,7 +47,7 @@ fn the_result_is_the_mean_of_the_last_iterates() {
     assert!(mean.means != last.means && mean.means[mean.len() - TAIL..] == last.means[mean.len() - TAIL..]);
 
     for snapshot in [before, within] {
-        let mut second = resumed(&device, &snapshot, averaging(0.9));
+        let mut second = resumed(&again, &snapshot, averaging(0.9));
         assert_eq!(second.snapshot().unwrap().mean, snapshot.mean);
         train(&mut second, LAST);
         assert!(bits(&second.download().unwrap()) == bits(&mean), "resumed after {}", snapshot.iteration);
@@ -57,7 +58,7 @@ fn the_result_is_the_mean_of_the_last_iterates() {
 /// Rows of different Gaussians, reset opacities, and models of different degrees are not averaged.
 #[test]
 fn other_changes_begin_it_anew() {
-    let device = device();
+    let (device, again) = (device(), repeats());
     let changed = |change: &dyn Fn(&mut Schedule)| {
         let mut options = averaging(0.8);
         (options.schedule.densify_until, options.schedule.degree_every) = (1.0, 2.0);
@@ -69,8 +70,8 @@ fn other_changes_begin_it_anew() {
     let mut common = trainer(&device, changed(&|_| ()));
     train(&mut common, 88);
     let common = common.snapshot().unwrap();
-    let begins = |change: &dyn Fn(&mut Schedule), first: u32| {
-        let mut trainer = resumed(&device, &common, changed(change));
+    let begins = |device: &Device, change: &dyn Fn(&mut Schedule), first: u32| {
+        let mut trainer = resumed(device, &common, changed(change));
         train(&mut trainer, LAST - 2);
         // Every second iterate from 90 on.
         let mean = trainer.snapshot().unwrap().mean.expect("a mean");
@@ -78,10 +79,10 @@ fn other_changes_begin_it_anew() {
         train(&mut trainer, LAST);
         assert!(trainer.snapshot().unwrap().mean.is_none());
     };
-    begins(&|_| (), 90);
-    begins(&|schedule| schedule.densify_every = 100, 100);
-    begins(&|schedule| schedule.opacity_reset_every = 102, 102);
+    begins(&again, &|_| (), 90);
+    begins(&device, &|schedule| schedule.densify_every = 100, 100);
+    begins(&again, &|schedule| schedule.opacity_reset_every = 102, 102);
     // A band is added at iteration 103.
-    begins(&|schedule| schedule.degree_every = 103.0 / f64::from(LAST), 104);
+    begins(&again, &|schedule| schedule.degree_every = 103.0 / f64::from(LAST), 104);
     finish(&device);
 }

@@ -1,7 +1,7 @@
 //! 3D smoothing: the kernel against float64, and whole runs that keep its bound and their bytes.
 
 use super::runs::{capture, options, resumed, same_however, train};
-use crate::support::{device, finish};
+use crate::support::{device, finish, repeats};
 use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gaussians::resident::Resident;
@@ -95,9 +95,10 @@ fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     let c = capture();
     let mut start = c.start.clone();
     start.log_scales.iter_mut().flatten().for_each(|s| *s -= 4.0); // thinner than any photo resolves
-    let trainer = |options: Options| Trainer::new(&device, &start, c.train.clone(), c.extent, options).unwrap();
+    let trainer =
+        |device: &Device, options: Options| Trainer::new(device, &start, c.train.clone(), c.extent, options).unwrap();
     let run = |options: Options, until: u32| {
-        let mut trainer = trainer(options);
+        let mut trainer = trainer(&device, options);
         train(&mut trainer, until);
         trainer
     };
@@ -111,7 +112,8 @@ fn runs_end_within_the_bound_and_resume_to_the_same_bytes() {
     assert!(off.0 < 0.9, "the scene has Gaussians that need smoothing: {off:?}");
 
     // With a small initial capacity iterations are repeated. The run is also interrupted where no smoothing is due.
-    let begin = |pairs| trainer(Options { pairs, ..antialiased() });
-    same_however(&whole, &[41], begin, |at| resumed(&device, at, antialiased()));
+    let again = repeats();
+    let begin = |pairs| trainer(&again, Options { pairs, ..antialiased() });
+    same_however(&whole, &[41], begin, |at| resumed(&again, at, antialiased()));
     finish(&device);
 }

@@ -1,7 +1,7 @@
 //! A model whose last rows are drawn and never change: the part of the other blocks that a block sees.
 
 use super::runs::{bits, capture, options, train};
-use crate::support::{device, finish};
+use crate::support::{device, finish, repeats};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Attributes, Gaussians};
 use qirf_vk::gpu::Device;
@@ -184,16 +184,17 @@ fn the_tail_is_drawn() {
 /// The mean of the whole scene's cameras, if given, replaces that of the photos' own.
 #[test]
 fn the_scenes_cameras_come_from_outside() {
-    let device = device();
-    let trained = |cameras: Option<[f32; 3]>| {
+    let (device, again) = (device(), repeats());
+    let trained = |device: &Device, cameras: Option<[f32; 3]>| {
         // Large Gaussians are pruned by their distance from the cameras.
         let schedule = Schedule { prune_scale: 0.02, prune_scale_from: 0.0, ..options().schedule };
-        let mut trainer = trainer(&device, Options { cameras, schedule, ..options() });
+        let mut trainer = trainer(device, Options { cameras, schedule, ..options() });
         train(&mut trainer, 70);
         trainer.trained()
     };
     let own = mean_centre(capture().train.iter().map(|p| &p.camera)).as_vec3().to_array();
-    assert_eq!(trained(None), trained(Some(own)));
-    assert_ne!(trained(None), trained(Some([1e4, 0.0, 0.0])), "far from the cameras nothing is too large");
+    let alone = trained(&device, None);
+    assert_eq!(alone, trained(&again, Some(own)));
+    assert_ne!(alone, trained(&again, Some([1e4, 0.0, 0.0])), "far from the cameras nothing is too large");
     finish(&device);
 }

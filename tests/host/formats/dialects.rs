@@ -23,6 +23,7 @@ fn ply(properties: &[Property]) -> Vec<u8> {
     format!("ply\nformat ascii 1.0\nelement vertex 3\n{header}end_header\n{rows}").into_bytes()
 }
 
+const DC: [Property; 3] = [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
 const REST: [Property; 7] = [
     ("float", "opacity", |_| 0.5),
     ("float", "scale_0", |_| -2.0),
@@ -62,9 +63,7 @@ fn colours_may_stand_in_red_green_and_blue() {
         }
     }
     // f_dc takes precedence if both exist.
-    let dc: [Property; 3] =
-        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
-    assert_eq!(read(&ply(&[&base[..], &dc, &REST, &[THIRD]].concat())).gaussians.sh[0], [0.25; 9]);
+    assert_eq!(read(&ply(&[&base[..], &DC, &REST, &[THIRD]].concat())).gaussians.sh[0], [0.25; 9]);
     // A point cloud is not a model.
     let cloud = formats::read_bytes(&ply(&base), Path::new("cloud.ply")).unwrap_err().to_string();
     assert!(cloud.contains("point cloud"), "{cloud}");
@@ -72,21 +71,25 @@ fn colours_may_stand_in_red_green_and_blue() {
 
 #[test]
 fn flat_models_get_a_thin_axis_and_say_so() {
-    let dc: [Property; 3] =
-        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
-    let flat = read(&ply(&[&dc[..], &REST].concat()));
+    let flat = read(&ply(&[&DC[..], &REST].concat()));
     assert!(flat.gaussians.log_scales.iter().all(|s| s[..2] == [-2.0, -3.0] && (s[2] - 1e-6_f32.ln()).abs() < 1e-5));
     assert!(flat.doubt.unwrap().contains("2DGS"));
-    assert_eq!(read(&ply(&[&dc[..], &REST, &[THIRD]].concat())).doubt, None);
+    assert_eq!(read(&ply(&[&DC[..], &REST, &[THIRD]].concat())).doubt, None);
+}
+
+#[test]
+fn opacities_in_whole_numbers_are_doubted() {
+    let byte: Property = ("uchar", "opacity", |_| 128.0);
+    let loaded = read(&ply(&[&DC[..], &[byte], &REST[1..], &[THIRD]].concat()));
+    assert_eq!(loaded.gaussians.opacity_logits, [128.0; 3]);
+    assert!(loaded.doubt.unwrap().contains("whole numbers, which are taken as logits"));
 }
 
 /// Mip-Splatting smooths by a filter of its own size: variances add up, and opacity falls by the roots of their ratios.
 #[test]
 fn filters_of_mip_splatting_are_taken_in() {
-    let dc: [Property; 3] =
-        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
     let filter: Property = ("float", "filter_3D", |i| f64::from(i) * 0.1);
-    let loaded = read(&ply(&[&dc[..], &REST, &[THIRD, filter]].concat()));
+    let loaded = read(&ply(&[&DC[..], &REST, &[THIRD, filter]].concat()));
     assert!(loaded.mode.antialiased() && loaded.doubt.unwrap().contains("Mip-Splatting"));
     for i in 0..3 {
         let variances = [-2.0_f64, -3.0, -4.0].map(|s| ((2.0 * s).exp(), (2.0 * s).exp() + (0.1 * i as f64).powi(2)));
@@ -101,9 +104,7 @@ fn filters_of_mip_splatting_are_taken_in() {
 
 #[test]
 fn gzip_is_unpacked_whatever_it_holds() {
-    let dc: [Property; 3] =
-        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
-    let plain = ply(&[&dc[..], &REST, &[THIRD]].concat());
+    let plain = ply(&[&DC[..], &REST, &[THIRD]].concat());
     let zip = |bytes: &[u8]| {
         let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
         out.write_all(bytes).unwrap();
@@ -157,9 +158,7 @@ fn a_byte_order_mark_is_no_part_of_a_text() {
 /// Doubles far from the origin keep their differences, and the place that the means then count from is written and read.
 #[test]
 fn far_doubles_keep_their_differences() {
-    let dc: [Property; 3] =
-        [("float", "f_dc_0", |_| 0.25), ("float", "f_dc_1", |_| 0.25), ("float", "f_dc_2", |_| 0.25)];
-    let all = [&dc[..], &REST, &[THIRD]].concat();
+    let all = [&DC[..], &REST, &[THIRD]].concat();
     let plain = ply(&all);
     let far: String = String::from_utf8(plain.clone())
         .unwrap()

@@ -13,7 +13,7 @@ use crate::support::files::make;
 
 /// Asserts equality up to the rounding of exponentials, and up to integer steps if there are any.
 #[track_caller]
-fn assert_near(a: &Gaussians, b: &Gaussians, steps: f32) {
+pub fn assert_near(a: &Gaussians, b: &Gaussians, steps: f32) {
     assert_eq!((a.len(), a.degree(), &a.means, &a.sh), (b.len(), b.degree(), &b.means, &b.sh));
     for i in 0..a.len() {
         for k in 0..3 {
@@ -223,8 +223,8 @@ fn nodes_move_turn_and_scale() {
         (json!({ "rotation": [0, 0, 0, 0] }), "not finite"),
         (json!({ "children": [0] }), "several parents"),
         (json!({ "children": [1, 1] }), "several parents"),
-        (json!({ "children": [7] }), "not there"),
-        (json!({ "mesh": 3 }), "not there"),
+        (json!({ "children": [7] }), "does not exist"),
+        (json!({ "mesh": 3 }), "does not exist"),
     ] {
         let fault = placed(node.clone()).unwrap_err().to_string();
         assert!(fault.contains(said), "{node}: {fault}");
@@ -304,6 +304,34 @@ fn tags_and_what_is_not_known_are_told() {
         let loaded = read(&bytes, "m.glb").unwrap();
         assert_eq!((loaded.gaussians.len(), loaded.doubt.is_none()), (3, known), "{name}");
     }
+}
+
+#[test]
+fn all_faults_of_a_file_are_told() {
+    let bytes = glb_changed(&make::model(3, 0), Layout::Planar, |d| {
+        let splats = &mut d["meshes"][0]["primitives"][0]["extensions"]["KHR_gaussian_splatting"];
+        (splats["colorSpace"], splats["kernel"]) = (json!("lin_rec709_display"), json!("customShape"));
+        d["extensionsRequired"] = json!(["FOO_bar"]);
+    });
+    let doubt = read(&bytes, "m.glb").unwrap().doubt.unwrap();
+    assert!(["lin_rec709_display", "customShape", "FOO_bar"].iter().all(|what| doubt.contains(what)), "{doubt}");
+}
+
+/// A hidden node hides those below it.
+#[test]
+fn hidden_nodes_are_left_out() {
+    let off = json!({ "KHR_node_visibility": { "visible": false } });
+    let with = |nodes: Value| {
+        let bytes = glb_changed(&make::model(3, 0), Layout::Planar, |d| {
+            d["nodes"] = nodes;
+            d["extensionsRequired"] = json!(["KHR_node_visibility"]);
+        });
+        read(&bytes, "m.glb")
+    };
+    let one = with(json!([{ "mesh": 0, "children": [1] }, { "mesh": 0, "extensions": off }])).unwrap();
+    assert_eq!((one.gaussians.len(), one.doubt), (3, None));
+    let none = with(json!([{ "children": [1], "extensions": off }, { "mesh": 0 }])).unwrap_err().to_string();
+    assert!(none.contains("no visible primitive"), "{none}");
 }
 
 #[test]

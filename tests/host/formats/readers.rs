@@ -111,7 +111,7 @@ fn point_clouds_and_strangers_are_named() {
     let cloud = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n";
     assert!(message(cloud, "c.ply").contains("no property `scale_0`"));
     assert!(message(b"hello", "c.txt").contains(".splat"));
-    assert!(message(b"hello", "c.ply").contains("begins with a line `ply`"));
+    assert!(message(b"hello", "c.ply").contains("begins with the line `ply`"));
     for (bytes, packer) in [(&b"BZh91AY"[..], "bzip2"), (b"\xfd7zXZ\0\0", "xz"), (b"\x28\xb5\x2f\xfd\0", "zstd")] {
         let told = message(bytes, "c.ply");
         assert!(told.ends_with(&format!("it is compressed by {packer}: unpack it first")), "{told}");
@@ -292,6 +292,15 @@ fn sog_versions_agree_and_so_do_folder_and_bundle() {
 
     std::fs::remove_file(folder.path().join("quats.webp")).unwrap();
     assert!(formats::read(folder.path()).unwrap_err().to_string().contains("quats.webp: "));
+    #[cfg(unix)]
+    {
+        // A link out of the folder, as in caches of downloads.
+        let outside = tempfile::NamedTempFile::new().unwrap();
+        let textures = make::sog_files(50, 2).into_iter().filter(|(name, _)| *name == "quats.webp");
+        textures.for_each(|(_, content)| std::fs::write(outside.path(), content).unwrap());
+        std::os::unix::fs::symlink(outside.path(), folder.path().join("quats.webp")).unwrap();
+        assert_eq!(formats::read(folder.path()).unwrap().gaussians.len(), m.len());
+    }
     std::fs::remove_file(folder.path().join("meta.json")).unwrap();
     assert!(formats::read(folder.path()).unwrap_err().to_string().contains("a folder without the meta.json"));
 }

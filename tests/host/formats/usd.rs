@@ -4,10 +4,10 @@ use std::fs;
 use std::io::Write;
 
 use qirf_vk::gaussians::Gaussians;
-use qirf_vk::gaussians::formats::{self, Format, RenderMode};
+use qirf_vk::gaussians::formats::{self, Format, Loaded, RenderMode};
 
+use super::gltf::assert_near;
 use super::readers::read;
-use super::writers::angle;
 use crate::support::files::make;
 
 #[test]
@@ -22,13 +22,7 @@ fn layers_and_packages_are_read_back_to_the_last_bit_of_exponentials() {
                 formats::write(&path, &model, mode).unwrap();
                 let loaded = formats::read(&path).unwrap();
                 assert_eq!((loaded.format, loaded.mode, &loaded.doubt), (Format::Usd, mode, &None));
-                let m = loaded.gaussians;
-                assert_eq!((&m.means, &m.sh), (&model.means, &model.sh), "{name}");
-                for i in 0..model.len() {
-                    assert!((0..3).all(|k| (m.log_scales[i][k] - model.log_scales[i][k]).abs() < 1e-6));
-                    assert!((m.opacity_logits[i] - model.opacity_logits[i]).abs() < 2e-5);
-                    assert!(angle(m.rotations[i], model.rotations[i]) < 1e-6);
-                }
+                assert_near(&loaded.gaussians, &model, 0.0);
             }
         }
     }
@@ -163,6 +157,7 @@ fn layers_are_read_as_their_schema_says() {
         two.replace("def", "class"),
         two.replace("def", "over"),
         two.replace('{', "{ token visibility = \"invisible\"\n"),
+        two.replace('{', "{ uniform token purpose = \"proxy\"\n"),
     ] {
         assert_eq!(changed(two, &hidden).unwrap().gaussians.len(), 1, "{hidden}");
     }
@@ -177,6 +172,15 @@ fn layers_are_read_as_their_schema_says() {
     ] {
         let loaded = changed(untyped, &format!("{prim} {inner}")).unwrap();
         assert_eq!(loaded.gaussians.len(), 3 + usize::from(shown), "{prim}");
+    }
+    // A prim's own purpose counts, else that of the prim around it.
+    for (around, own, shown) in [("guide", "", false), ("guide", "default", true), ("render", "proxy", false)] {
+        let purpose = |purpose: &str| format!("uniform token purpose = \"{purpose}\"\n");
+        let own = if own.is_empty() { String::new() } else { purpose(own) };
+        let inner = inner.replace("point3f", &format!("{own}point3f"));
+        let outer = format!("def \"a\" {{ {}{}", purpose(around), &inner[1..]);
+        let loaded = changed(untyped, &outer).unwrap();
+        assert_eq!(loaded.gaussians.len(), 3 + usize::from(shown), "{outer}");
     }
     let within = "def \"untyped\" { variantSet \"v\" = { \"a\" { def ParticleField3DGaussianSplat \"b\" { point3f[] positions = [] } } } }";
     assert!(changed(untyped, within).unwrap_err().to_string().contains("variant"));
@@ -195,6 +199,42 @@ fn layers_are_read_as_their_schema_says() {
     let tagged = two.replace(" {", " (customData = { string SplatRenderMode = \"default\" }) {");
     let mixed = changed(two, &tagged).unwrap();
     assert!(mixed.mode.antialiased() && mixed.doubt.unwrap().contains("different render modes"));
+}
+
+/// Positions and sizes are in metres where the layer states its unit; other metadata of the same names does not count.
+#[test]
+fn the_unit_and_the_axis_are_those_of_the_layer() {
+    let with = |layer: &str, of_prim: &str| {
+        let text =
+            OTHER.replace("upAxis = \"Z\"", layer).replace("{ string Splat", &format!("{{ {of_prim} string Splat"));
+        read(text.as_bytes(), "m.usda").unwrap()
+    };
+    for (layer, of_prim, size, told) in [
+        ("upAxis = \"Y\"", "double metersPerUnit = 5 string upAxis = \"Z\"", 1.0_f32, None),
+        ("upAxis = \"Y\"\n    customLayerData = { string upAxis = \"Z\" }", "", 1.0, None),
+        ("metersPerUnit = 1", "", 1.0, None),
+        ("metersPerUnit = 1e-2", "", 0.01, Some("its unit is 0.01 m")),
+        ("metersPerUnit = 0", "", 1.0, Some("is no length")),
+    ] {
+        let Loaded { gaussians, doubt, .. } = with(layer, of_prim);
+        let mean = [1.0, -2.0, -3.0].map(|x: f32| x * size);
+        assert!((0..3).all(|k| (gaussians.means[0][k] - mean[k]).abs() < 1e-6), "{layer}: {:?}", gaussians.means);
+        assert!((gaussians.log_scales[0][0] - size.ln()).abs() < 1e-5, "{layer}");
+        assert_eq!(doubt.is_some(), told.is_some(), "{layer}: {doubt:?}");
+        assert!(told.is_none_or(|told| doubt.unwrap().contains(told)), "{layer}");
+    }
+}
+
+#[test]
+fn all_faults_of_a_layer_are_told() {
+    let text = OTHER
+        .replace("half3[] scalesh = [(1, 2.5e0, .5)];", "")
+        .replace("def \"untyped\"", "def \"a\" (payload = @a.usda@)");
+    let doubt = read(text.as_bytes(), "m.usda").unwrap().doubt.unwrap();
+    assert!(doubt.contains("refers to other layers") && doubt.contains("; also prim one has no scales"), "{doubt}");
+    let hidden = OTHER.replace("def Xform \"World\" (", "def Xform \"World\" (\n    active = false");
+    let fault = read(hidden.as_bytes(), "m.usda").unwrap_err().to_string();
+    assert!(fault.contains("no visible prim of type") && fault.contains("inactive"), "{fault}");
 }
 
 #[test]

@@ -345,6 +345,27 @@ fn spherical_harmonics_that_a_format_cuts_off_are_counted() {
     assert!(said.contains("beyond the +-4 that compressed PLY stores; its colours are cut off"), "{said}");
 }
 
+/// By the two larger axes; the third may be thinner than an SPZ stores it.
+#[test]
+fn sizes_that_spz_cuts_off_are_counted() {
+    let mut model = make::model(50, 0);
+    (model.log_scales[3], model.log_scales[4]) = ([-11.0; 3], [-12.0, 7.0, 0.0]);
+    (model.log_scales[5], model.log_scales[6]) = ([-12.0, -9.0, -11.0], [-12.0, -9.0, -9.9]);
+    for (name, outsized) in [("a.spz", 3), ("a.html", 0), ("a.sog", 0), ("a.ply", 0)] {
+        assert_eq!(formats::outsized(Path::new(name), &model), outsized, "{name}");
+        assert_eq!(formats::size_warning(Path::new(name), outsized).is_some(), outsized > 0, "{name}");
+    }
+    let how = (formats::usual(Path::new("a.spz"), &model), formats::SpzVersion::Four);
+    let file = formats::encode(Path::new("a.spz"), &model, (formats::RenderMode::Plain, [0.0; 3]), how).unwrap();
+    let back = formats::read_bytes(&file, Path::new("a.spz")).unwrap().gaussians;
+    assert_eq!(formats::outsized(Path::new("a.spz"), &back), 0);
+    let said = formats::size_warning(Path::new("a.spz"), 1).unwrap();
+    assert!(
+        said.starts_with("a.spz: 1 Gaussian is smaller or larger than the 4.5e-5 to 3.8e2 that SPZ stores"),
+        "{said}"
+    );
+}
+
 #[test]
 fn sog_refuses_what_it_would_ruin() {
     let folder = tempfile::tempdir().unwrap();

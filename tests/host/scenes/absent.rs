@@ -5,7 +5,7 @@ use std::fs;
 use std::io::Cursor;
 use std::path::Path;
 
-use super::dialects::{notes, open};
+use super::dialects::{capture, notes, open};
 use super::traps::grey;
 use super::{TOP, transformed};
 use crate::support::files::writers::{picture, row, transforms, write, written};
@@ -86,14 +86,115 @@ fn photos_are_found_beside_masks_maps_and_copies() {
     assert_eq!(found(capture.path()), within("images"));
 }
 
+/// A TIFF of floats, 64 x 48, as of a depth map.
+fn floats() -> Vec<u8> {
+    let mut file = Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
+    encoder.write_image::<tiff::encoder::colortype::Gray32Float>(64, 48, &[0.5_f32; 64 * 48]).unwrap();
+    file.into_inner()
+}
+
+/// They may be its mask or depth map.
+#[test]
+fn grey_pictures_with_a_photos_name_do_not_stand_for_it() {
+    for (listed, files, there) in [
+        ("a.JPG", &["a.jpg"][..], &["images/a.jpg"][..]),
+        ("A.jpg", &["a.jpeg"], &["images/a.jpeg"]),
+        ("a.jpg", &["a.tif"], &["images/a.tif"]),
+        ("a", &["a.jpg"], &["images/a.jpg"]),
+        ("a", &[], &["images/a.png"]),
+        ("a.jpg", &[], &[]),
+        ("A.HEIC", &[], &[]),
+    ] {
+        let colmap = capture(&[listed, "b.jpg", "z.jpg"], &[]);
+        let names = [listed, "b.jpg", "z.jpg"].map(|name| format!("images/{name}"));
+        let other = written([("transforms.json", transforms(TOP, &names.each_ref().map(String::as_str)))]);
+        for root in [colmap.path(), other.path()] {
+            for file in files.iter().chain(&["z.jpg"]) {
+                picture(&root.join("images").join(file), 64, 48);
+            }
+            grey(&root.join("images/a.png"), |_| [255, 255]);
+            write(&root.join("images"), [("b.tif", floats())]);
+            assert_eq!(found(root), [there, &["images/z.jpg"]].concat(), "{listed}");
+        }
+    }
+}
+
+#[test]
+fn masks_in_colours_do_not_stand_for_a_photo_either() {
+    for listed in ["a", "a.heic"] {
+        let colmap = capture(&[listed], &["a.jpg", "a.png"]);
+        let name = format!("images/{listed}");
+        let other = transformed(transforms(TOP, &[name.as_str()]), &["images/a.jpg", "images/a.png"]);
+        for root in [colmap.path(), other.path()] {
+            assert_eq!(found(root), ["images/a.jpg"], "{listed}");
+        }
+    }
+    // A PNG of a palette.
+    let colmap = capture(&["a.jpg", "z.jpg"], &["z.jpg"]);
+    let other = transformed(transforms(TOP, &["images/a.jpg", "images/z.jpg"]), &["images/z.jpg"]);
+    for root in [colmap.path(), other.path()] {
+        let header = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x40\0\0\0\x30\x08\x03\0\0\0";
+        write(&root.join("images"), [("a.png", header.to_vec())]);
+        assert_eq!(found(root), ["images/z.jpg"]);
+    }
+}
+
+/// As of a monochrome camera.
+#[test]
+fn grey_photos_may_all_be_converted() {
+    for listed in [["a.tif", "b.tif"], ["a.bmp", "b.bmp"], ["a.jpg", "b.jpg"]] {
+        let colmap = capture(&listed, &[]);
+        let names = listed.map(|name| format!("images/{name}"));
+        let other = written([("transforms.json", transforms(TOP, &names.each_ref().map(String::as_str)))]);
+        for root in [colmap.path(), other.path()] {
+            for name in ["images/a.png", "images/b.png"] {
+                grey(&root.join(name), |_| [99, 255]);
+            }
+            assert_eq!(found(root), ["images/a.png", "images/b.png"], "{listed:?}");
+        }
+    }
+    // Beside a camera in colours.
+    let colmap = capture(&["left/a.jpg", "mono/a.jpg"], &["left/a.jpg"]);
+    let listed = ["images/left/a.jpg", "images/mono/a.jpg"];
+    let other = transformed(transforms(TOP, &listed), &listed[..1]);
+    for root in [colmap.path(), other.path()] {
+        grey(&root.join("images/mono/a.png"), |_| [99, 255]);
+        assert_eq!(found(root), ["images/left/a.jpg", "images/mono/a.png"]);
+    }
+    // A camera in colours and one in greys, in one folder.
+    let mixed = capture(&["a.tif", "b.tif"], &["a.png"]);
+    grey(&mixed.path().join("images/b.png"), |_| [99, 255]);
+    assert_eq!(found(mixed.path()), ["images/a.png", "images/b.png"]);
+    // The preview of a depth map.
+    let colmap = capture(&["a"], &["a.png"]);
+    image::GrayImage::from_pixel(64, 48, image::Luma([99])).save(colmap.path().join("images/a.jpg")).unwrap();
+    assert_eq!(found(colmap.path()), ["images/a.png"]);
+    // The copy of a photo that is not read may be grey, but that of a JPEG may be its mask.
+    for (listed, used) in [("a.tif", "images/a.png"), ("a.jpg", "images/a.jpg")] {
+        let colmap = capture(&[listed], &[]);
+        write(&colmap.path().join("images"), [(listed, b"\0\0\0\x18ftypheic".to_vec())]);
+        grey(&colmap.path().join("images/a.png"), |_| [99, 255]);
+        assert_eq!(found(colmap.path()), [used]);
+    }
+}
+
+#[test]
+fn smaller_copies_stand_for_all_photos_or_none() {
+    let json = transforms(TOP, &["images/a.png", "images/b.png"]);
+    let scene = transformed(json, &["images_2/a.png", "images_4/a.png", "images_4/b.png"]);
+    assert_eq!(found(scene.path()), ["images_2/a.png"]);
+    picture(&scene.path().join("images/b.png"), 64, 48);
+    assert_eq!(found(scene.path()), ["images/b.png"]);
+}
+
 /// The remedy that errors and notes name, `magick mogrify -format jpg`, leaves the original.
 #[test]
 fn a_converted_photo_replaces_its_original_that_is_not_read() {
     for extension in ["bmp", "gif", "tga", "HEIC", "jp2", "ppm"] {
         for keep in [true, false] {
             let listed = format!("a.{extension}");
-            let colmap = tempfile::tempdir().unwrap();
-            write(&colmap.path().join("sparse/0"), row(&[&listed]).text());
+            let colmap = capture(&[&listed], &[]);
             let json = transforms(TOP, &[&format!("images/{listed}")]);
             let other = written([("transforms.json", json)]);
             for root in [colmap.path(), other.path()] {
@@ -111,17 +212,13 @@ fn a_converted_photo_replaces_its_original_that_is_not_read() {
 /// Likewise for photos whose encoding or format, which is not that of their name, is not read.
 #[test]
 fn a_converted_photo_replaces_its_original_whatever_that_is_called() {
-    let mut floats = Cursor::new(Vec::new());
-    let mut encoder = tiff::encoder::TiffEncoder::new(&mut floats).unwrap();
-    encoder.write_image::<tiff::encoder::colortype::Gray32Float>(64, 48, &[0.5_f32; 64 * 48]).unwrap();
     for (listed, bytes, copy) in [
-        ("a.tif", &floats.get_ref()[..], "a.png"),
+        ("a.tif", &floats()[..], "a.png"),
         ("a.png", b"\0\0\0\x18ftypheic", "a.jpg"),
         ("a.jpg", b"\x1f\x8b\x08\0", "a.png"),
         ("a.jpg", b"GIF89a", "a.png"),
     ] {
-        let colmap = tempfile::tempdir().unwrap();
-        write(&colmap.path().join("sparse/0"), row(&[listed]).text());
+        let colmap = capture(&[listed], &[]);
         let other = written([("transforms.json", transforms(TOP, &[&format!("images/{listed}")]))]);
         for root in [colmap.path(), other.path()] {
             write(&root.join("images"), [(listed, bytes.to_vec())]);
@@ -143,7 +240,7 @@ fn photos_that_are_there_in_another_format_alone_are_named() {
     let told = || open(colmap.path()).require_photos().unwrap_err().to_string();
     assert!(told().ends_with("images/a.png does not exist)"), "{}", told());
     write(&colmap.path().join("images"), [("a.HEIC", b"x".to_vec()), ("b.tga", b"x".to_vec())]);
-    let convert = "convert it, with ImageMagick by `magick mogrify -format jpg -quality 95 *.HEIC`)";
+    let convert = "convert it, with ImageMagick: `magick mogrify -format jpg -quality 95 *.HEIC`)";
     let wanted = format!("a.png: only a.HEIC is there, in HEIC, which is not read: {convert}");
     assert!(told().ends_with(&wanted), "{}", told());
 }
@@ -198,7 +295,8 @@ fn depth_maps_may_say_whose_they_are() {
         let options = OpenOptions { depth: Some(folder.into()), ..OpenOptions::default() };
         Scene::open(capture.path(), &options).unwrap()
     };
-    write(&capture.path().join("one"), [("a_depth.npy", b"x".to_vec()), ("depth_b.npy", b"x".to_vec())]);
+    let files = ["a_depth.npy", "depth_b.npy", "a_masked.png"];
+    write(&capture.path().join("one"), files.map(|file| (file, b"x".to_vec())));
     let scene = with("one");
     assert_eq!(scene.views.iter().map(|view| view.depth.is_some()).collect::<Vec<_>>(), [true, true, false]);
     assert_eq!(scene.skipped.missing_depths.examples, ["c.png"]);
@@ -263,11 +361,7 @@ fn masks_of_16_bits_count_by_their_own_numbers() {
 #[test]
 fn a_file_that_may_be_either_of_two_photos_is_neither() {
     let twins = ["left/a.png", "right/a.png", "left/b.png"];
-    let scene = tempfile::tempdir().unwrap();
-    write(&scene.path().join("sparse/0"), row(&twins).text());
-    for file in ["images/a.png", "images/b.png"] {
-        picture(&scene.path().join(file), 64, 48);
-    }
+    let scene = capture(&twins, &["a.png", "b.png"]);
     assert_eq!(found(scene.path()), ["images/b.png"]);
     for file in ["images/left/a.png", "images/right/a.png"] {
         picture(&scene.path().join(file), 64, 48);

@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::Path;
 
+use super::traps::grey;
 use crate::host::depth_maps::exr_of;
 use crate::support::files::writers::{Model, picture, row, transforms, write, written};
 use qirf_vk::pipeline::effects::examine;
@@ -188,6 +189,15 @@ fn masks_maps_and_copies_are_no_photos() {
         (&["left/1.jpg", "right/1.jpg"], &["left/1.jpg", "right/1.jpg"]),
         (&["depth_1.jpg", "mask.jpg"], &["depth_1.jpg", "mask.jpg"]),
         (&["a.tif", "b.tiff"], &["a.tif", "b.tiff"]),
+        (&["f-0.color.png", "f-0.depth.png", "f-1.color.png"], &["f-0.color.png", "f-1.color.png"]),
+        (&["x/frame000000.jpg", "x/depth000000.png"], &["x/frame000000.jpg"]),
+        (&["0_rgb.png", "0_foreground_mask.png", "0_depth.png"], &["0_rgb.png"]),
+        (&["1.jpg", "1_masked.jpg", "1_thumb.jpg", "2.jpg"], &["1.jpg", "2.jpg"]),
+        (&["DSC_1.jpg", "DSC_1.png", "DSC_2.png"], &["DSC_1.jpg", "DSC_2.png"]),
+        (&["bare_1.jpg", "masked_1.jpg"], &["bare_1.jpg", "masked_1.jpg"]),
+        (&["index1.jpg", "thumb1.jpg"], &["index1.jpg", "thumb1.jpg"]),
+        (&["x.png", "x.ir.png", "x_seg.png", "x_semantic.png"], &["x.png"]),
+        (&["images/1.jpg", "rendered_depth/1.jpg"], &["images/1.jpg"]),
     ] {
         let folder = tempfile::tempdir().unwrap();
         for file in files {
@@ -198,6 +208,25 @@ fn masks_maps_and_copies_are_no_photos() {
         let told = tree.notes().len() + tree.left_out.len();
         assert_eq!(told > 0, files.len() != names.len(), "{files:?}");
     }
+    // Folders with the word of maps in their name hold them if they hold grey pictures.
+    let folder = tempfile::tempdir().unwrap();
+    for file in ["color/1.png", "depth_5m/2.png", "depth_cam/left/1.jpg"] {
+        picture(&folder.path().join(file), 8, 6);
+    }
+    let maps = ["aligned_depth", "depth-png", "depth16"];
+    for folder_of_maps in maps {
+        grey(&folder.path().join(folder_of_maps).join("1.png"), |_| [9, 255]);
+    }
+    let tree = PhotoTree::of(folder.path());
+    assert_eq!(tree.names, ["color/1.png", "depth_5m/2.png", "depth_cam/left/1.jpg"]);
+    assert_eq!(tree.left_out, maps);
+    write(&folder.path().join("sparse/0"), row(&["1.png"]).text());
+    assert!(open(folder.path()).views[0].image.ends_with("color/1.png"));
+    // Of one name, the file in colour is the photo.
+    let folder = tempfile::tempdir().unwrap();
+    picture(&folder.path().join("a.png"), 8, 6);
+    image::GrayImage::new(8, 6).save(folder.path().join("a.jpg")).unwrap();
+    assert_eq!(PhotoTree::of(folder.path()).names, ["a.png"]);
     let folder = tempfile::tempdir().unwrap();
     for file in ["a.jpg", "a.jpg.mask.png"] {
         picture(&folder.path().join(file), 8, 6);
@@ -338,8 +367,8 @@ fn photos_may_be_of_bigtiff() {
 fn photos_of_cameras_and_renderers_are_read_or_named() {
     let scene = capture(&["a.tif", "b.tif", "c.exr"], &["a.tif"]);
     let images = scene.path().join("images");
-    let grey = |v: u16| image::ImageBuffer::from_pixel(64, 48, image::Rgb([v; 3]));
-    image::DynamicImage::ImageRgb16(grey(0x8080)).save(images.join("b.tif")).unwrap();
+    let even = |v: u16| image::ImageBuffer::from_pixel(64, 48, image::Rgb([v; 3]));
+    image::DynamicImage::ImageRgb16(even(0x8080)).save(images.join("b.tif")).unwrap();
     let linear = image::ImageBuffer::from_pixel(64, 48, image::Rgb([0.216_f32, 2.0, -1.0]));
     image::DynamicImage::ImageRgb32F(linear).save(images.join("c.exr")).unwrap();
     let mut opened = open(scene.path());

@@ -2,10 +2,10 @@
 
 use std::fs;
 
-use super::dialects::{notes, open};
-use super::{TOP, refused};
+use super::dialects::{capture, notes, open};
+use super::{TOP, refused, says};
 use crate::support::files::writers::{picture, row, transforms, write, written};
-use qirf_vk::scene::{PhotoTree, Role, instead};
+use qirf_vk::scene::{Error, OpenOptions, PhotoTree, Role, Scene, instead};
 
 #[test]
 fn photos_videos_and_archives_are_told_with_their_remedy() {
@@ -27,16 +27,20 @@ fn photos_videos_and_archives_are_told_with_their_remedy() {
     for (file, told) in [
         ("cap.tar.gz", "it is an archive: unpack it and give its folder"),
         ("images.zip", "it is an archive: unpack it and give its folder"),
+        ("scan.r3d", "it is an archive: unpack it and give its folder"),
         ("a.mov", "it is a video, without poses"),
         ("a.360", "it is a 360° camera's own file"),
-        ("reconstruction.json", "perhaps of OpenSfM, is not read: `opensfm export_colmap` converts it"),
-        ("sfm_data.json", "perhaps of OpenMVG"),
-        ("cameras.npz", "perhaps of NeuS, IDR or DTU"),
+        ("reconstruction.json", "perhaps from OpenSfM, is not read: `opensfm export_colmap` converts it"),
+        ("sfm_data.json", "perhaps from OpenMVG"),
+        ("cameras.npz", "perhaps from NeuS, IDR or DTU"),
+        ("sfmData.json", "perhaps from Meshroom"),
     ] {
         let folder = written([(file, b"[]".to_vec())]);
         let error = refused(&folder.path().join(file));
         assert!(error.contains(told), "{file}: {error}");
     }
+    let app = written([("rgb.mp4", b"x".to_vec()), ("odometry.csv", b"timestamp, frame".to_vec())]);
+    says(&refused(app.path()), &["a video: give `run` or `pose` ", "; odometry.csv, perhaps from Stray Scanner"]);
     let mixed = written([("images/a.heic", b"x".to_vec())]);
     picture(&mixed.path().join("images/b.png"), 8, 6);
     assert!(refused(mixed.path()).ends_with("jpg -quality 95 *.heic`"), "{}", refused(mixed.path()));
@@ -66,6 +70,19 @@ fn foreign_poses_are_known_by_whole_names_and_contents() {
         ("sensors/trajectories.txt", "# kapture format: 1.1\n", "kapture"),
         ("odometry.csv", "timestamp, frame, x, y, z\n", "Stray Scanner"),
         ("seq-01/frame-000000.pose.txt", "1 0 0 0\n", "7-Scenes"),
+        ("metadata", r#"{"poses": []}"#, "Record3D"),
+        ("keyframes/cameras/1.json", r#"{"t_00": 1}"#, "Polycam"),
+        ("1_initial/params/a_calibrated_camera_parameters.txt", "fileName", "Pix4D"),
+        ("odm_report/shots.geojson", "{}", "OpenDroneMap"),
+        ("semicolons.csv", "#name;x;y\n", "RealityScan"),
+        ("cameras.txt", "# Cameras (1)\n# PhotoID, X, Y, Z, Omega\n", "Metashape"),
+        ("cams/00000000_cam.txt", "extrinsic\n", "MVSNet"),
+        ("camera/1.json", r#"{"orientation": [], "pixel_aspect_ratio": 1.0}"#, "Nerfies"),
+        ("metadata.json", r#"{"000001": {"warp_id": 0, "appearance_id": 0}}"#, "Nerfies"),
+        ("images/a.json", r#"[{"Orientation": 1}]"#, ""),
+        ("tabs.log", "0\t0\t1\n1\t0\t0\t0\n", "Open3D"),
+        ("traj.txt", "1 0 0", "Replica"),
+        ("closed_loop_trajectory.csv", "graph_uid", "Project Aria"),
         ("gps.csv", "time,lat,lon\n", ""),
         ("desktop.xml", "<settings/>", ""),
         ("all_purpose", "x", ""),
@@ -75,18 +92,43 @@ fn foreign_poses_are_known_by_whole_names_and_contents() {
         let folder = written([(file, bytes.into())]);
         picture(&folder.path().join("images/a.png"), 8, 6);
         let error = refused(folder.path());
-        assert_eq!(error.contains("perhaps of "), !program.is_empty(), "{file}: {error}");
+        assert_eq!(error.contains("perhaps from "), !program.is_empty(), "{file}: {error}");
         assert!(error.contains(program), "{file}: {error}");
     }
 }
 
 #[test]
 fn poses_beside_the_photos_folder_are_named() {
-    let capture = tempfile::tempdir().unwrap();
-    write(&capture.path().join("sparse/0"), row(&["a.png"]).text());
-    picture(&capture.path().join("images/a.png"), 64, 48);
-    let error = refused(&capture.path().join("images"));
+    let capture = capture(&["a.png"], &["a.png"]);
+    let images = capture.path().join("images");
+    let error = refused(&images);
     assert!(error.ends_with(&format!("poses lie beside it: give {} to use them", capture.path().display())), "{error}");
+    // The same folder by a path that does not end in its name, as `.` does not.
+    fs::create_dir(images.join("x")).unwrap();
+    says(&refused(&images.join("x/..")), &["poses lie beside it: give ", ".. to use them"]);
+}
+
+#[test]
+fn scenes_that_lie_too_deep_and_packed_ones_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = |name: &str| {
+        let scene = folder.path().join("scan").join(name);
+        write(&scene.join("sparse/0"), row(&["a.png"]).text());
+        picture(&scene.join("images/a.png"), 64, 48);
+        scene.display().to_string()
+    };
+    let first = scene("one");
+    says(&refused(folder.path()), &["holds no scene", &format!("; poses lie in {first}: give it to use them")]);
+    let both = format!("; poses lie in {first}, {}: give one of these to use them", scene("two"));
+    picture(&folder.path().join("b.png"), 64, 48);
+    says(&refused(folder.path()), &["has no camera poses", &both]);
+
+    let packed = written([("sparse.zip", b"x".to_vec())]);
+    picture(&packed.path().join("images/a.png"), 8, 6);
+    says(&refused(packed.path()), &["has no camera poses; if ", "sparse.zip holds some, unpack it"]);
+    // `run` estimates poses, and warns of those that are there.
+    let found = Scene::find(packed.path(), &OpenOptions::default());
+    assert!(matches!(found, Err(Error::NoPoses { beside, .. }) if beside.is_empty()));
 }
 
 #[test]
@@ -119,8 +161,7 @@ fn models_lie_deeper_or_in_numbered_folders() {
 
 #[test]
 fn a_list_of_held_out_photos_is_used() {
-    let capture = tempfile::tempdir().unwrap();
-    write(&capture.path().join("sparse/0"), row(&["a.png", "b.png", "c.png"]).text());
+    let capture = capture(&["a.png", "b.png", "c.png"], &[]);
     write(&capture.path().join("sparse/0"), [("test.txt", b"b.png\n".to_vec())]);
     let scene = open(capture.path());
     assert_eq!(scene.views.iter().map(|v| v.role).collect::<Vec<_>>(), [Role::Train, Role::Test, Role::Train]);

@@ -4,14 +4,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use super::dialects::{notes, open};
+use super::TOP;
+use super::dialects::{capture, notes, open};
 use super::traps::grey;
 use crate::support::files::writers::{picture, row, transforms, write, written};
 use qirf_vk::job::Error;
 use qirf_vk::pipeline::prepare;
 use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Role, Scene, load_photos, masks_of};
-
-const CAMERA: &str = r#""fl_x": 50, "fl_y": 51, "w": 64, "h": 48"#;
 
 /// A model of which each file is kept as binary or as text.
 fn mixed(kept: &[&str]) -> tempfile::TempDir {
@@ -49,9 +48,8 @@ fn whole_numbers_may_be_written_with_a_fraction() {
 
 #[test]
 fn a_photo_never_stands_for_one_that_is_absent() {
-    let scene = tempfile::tempdir().unwrap();
-    write(&scene.path().join("sparse/0"), row(&["a.jpg", "a.png"]).text());
-    let json = transforms(CAMERA, &["images/a.jpg", "images/a.png", "images/b"]);
+    let scene = capture(&["a.jpg", "a.png"], &[]);
+    let json = transforms(TOP, &["images/a.jpg", "images/a.png", "images/b"]);
     let other = written([("transforms.json", json)]);
     for root in [scene.path(), other.path()] {
         for there in ["a.jpg", "b.jpg"] {
@@ -65,7 +63,7 @@ fn a_photo_never_stands_for_one_that_is_absent() {
 
 #[test]
 fn a_frame_without_a_pose_is_counted() {
-    let json = String::from_utf8(transforms(CAMERA, &["a.png", "b.png"])).unwrap();
+    let json = String::from_utf8(transforms(TOP, &["a.png", "b.png"])).unwrap();
     let at = json.find("\"transform_matrix\"").unwrap();
     let end = at + json[at..].find("]]").unwrap() + 2;
     for nothing in ["null", "[]"] {
@@ -87,9 +85,7 @@ fn shown(root: &Path) -> f64 {
 #[test]
 fn masks_of_instant_ngp_hide_where_they_are_white() {
     for (name, share) in [("dynamic_mask_a.png", 0.75), ("mask_a.png", 0.25)] {
-        let scene = tempfile::tempdir().unwrap();
-        write(&scene.path().join("sparse/0"), row(&["a.png"]).text());
-        picture(&scene.path().join("images/a.png"), 64, 48);
+        let scene = capture(&["a.png"], &["a.png"]);
         grey(&scene.path().join("images").join(name), |x| [if x < 16 { 255 } else { 0 }, 255]);
         assert!((shown(scene.path()) - share).abs() < 1e-9, "{name}: {}", shown(scene.path()));
         // `pose` copies masks under their photos' names, which do not say so.
@@ -105,9 +101,7 @@ fn folders_and_files_that_may_be_masks_are_told() {
         ("depth/a.png", ""),
         ("masks/a.bmp", "no pictures that are read"),
     ] {
-        let scene = tempfile::tempdir().unwrap();
-        write(&scene.path().join("sparse/0"), row(&["a.png"]).text());
-        picture(&scene.path().join("images/a.png"), 64, 48);
+        let scene = capture(&["a.png"], &["a.png"]);
         let path = scene.path().join(file);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         image::GrayImage::new(64, 48).save_with_format(&path, image::ImageFormat::Png).unwrap();
@@ -119,18 +113,22 @@ fn folders_and_files_that_may_be_masks_are_told() {
 
 #[test]
 fn clouds_that_are_not_read_are_named() {
-    let json = |top: &str| transforms(&format!("{CAMERA}{top}"), &["a.png"]);
+    let json = |top: &str| transforms(&format!("{TOP}{top}"), &["a.png"]);
     let scene = written([("transforms.json", json("")), ("scan.LAZ", b"LASF".to_vec())]);
-    assert!(notes(&open(scene.path())).contains("scan.LAZ is not read, convert it to PLY"));
+    assert!(notes(&open(scene.path())).contains("scan.LAZ is not read; convert it to PLY"));
     let scene =
         written([("transforms.json", json(r#", "ply_file_path": "scan.las""#)), ("scan.las", b"LASF".to_vec())]);
     let error = Scene::open(scene.path(), &OpenOptions::default()).unwrap_err().to_string();
     assert!(error.contains("scan.las") && error.contains("is not a PLY file"), "{error}");
+    // nerfstudio's captures of old have points in COLMAP's model alone.
+    let scene = written([("transforms.json", json(""))]);
+    write(&scene.path().join("colmap/sparse/0"), row(&["a.png"]).text());
+    assert!(notes(&open(scene.path())).contains("no points: to use those of "), "{}", notes(&open(scene.path())));
 }
 
 #[test]
 fn depth_maps_are_found_in_any_case() {
-    let scene = written([("transforms.json", transforms(CAMERA, &["images/A.png", "images/b.png"]))]);
+    let scene = written([("transforms.json", transforms(TOP, &["images/A.png", "images/b.png"]))]);
     for map in ["a.PNG", "B.tiff"] {
         picture(&scene.path().join("depth").join(map).with_extension("png"), 8, 6);
         fs::rename(scene.path().join("depth").join(map).with_extension("png"), scene.path().join("depth").join(map))
@@ -148,9 +146,7 @@ fn depth_maps_are_found_in_any_case() {
 /// Photos of which a job sees a part keep what alpha means in all of them.
 #[test]
 fn alpha_may_be_decided_beforehand() {
-    let scene = tempfile::tempdir().unwrap();
-    write(&scene.path().join("sparse/0"), row(&["a.png"]).text());
-    fs::create_dir_all(scene.path().join("images")).unwrap();
+    let scene = capture(&["a.png"], &["a.png"]);
     let clear =
         |share: u32| image::RgbaImage::from_fn(64, 48, |x, _| image::Rgba([9, 9, 9, if x < share { 0 } else { 255 }]));
     let role = |columns: u32, alpha: Option<bool>| {
@@ -174,8 +170,7 @@ fn alpha_may_be_decided_beforehand() {
 /// nerfstudio's lists beside a COLMAP model's photos give the roles; 3DGS's counts without them.
 #[test]
 fn lists_beside_a_model_give_the_roles() {
-    let scene = tempfile::tempdir().unwrap();
-    write(&scene.path().join("sparse/0"), row(&["a.png", "b.png", "c.png", "d.png", "e.png"]).text());
+    let scene = capture(&["a.png", "b.png", "c.png", "d.png", "e.png"], &[]);
     let list = |file: &str, names: &str| fs::write(scene.path().join(file), names).unwrap();
     let roles = || {
         let opened = open(scene.path());
@@ -184,6 +179,8 @@ fn lists_beside_a_model_give_the_roles() {
     };
     let of = |names: &str, all: &[Role]| names.chars().map(String::from).zip(all.iter().copied()).collect::<Vec<_>>();
     let (train, test) = (Role::Train, Role::Test);
+    list("train_test_lists.json", "{}");
+    assert!(roles().1.contains("train_test_lists.json is not read: write its names to train_list.txt"));
     list("sparse/0/test.txt", "e.png\n");
     assert_eq!(roles().0, of("abcde", &[train, train, train, train, test]));
     list("test_list.txt", "a.png\r\nb.png\r\n");
@@ -202,12 +199,9 @@ fn lists_beside_a_model_give_the_roles() {
 /// A planned job refuses photos, masks and cameras that changed, and accepts the same ones.
 #[test]
 fn changes_since_a_plan_are_noticed() {
-    let scene = tempfile::tempdir().unwrap();
+    let scene = capture(&["a.png", "b.png"], &["a.png", "b.png"]);
     let model = scene.path().join("sparse/0");
-    write(&model, row(&["a.png", "b.png"]).text());
-    for name in ["images/a.png", "images/b.png", "masks/b.png"] {
-        picture(&scene.path().join(name), 64, 48);
-    }
+    picture(&scene.path().join("masks/b.png"), 64, 48);
     let planned: BTreeMap<String, u32> = prepare::contents(&open(scene.path())).unwrap();
     let changed = || match prepare::unchanged(&open(scene.path()), &planned) {
         Ok(()) => None,

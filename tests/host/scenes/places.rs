@@ -173,7 +173,7 @@ fn poses_in_other_formats_are_named() {
         let path = folder.path().join(file);
         fs::write(&path, b"NVM_V3\n# Bundle file v0.3\n").unwrap();
         let told = refused(folder.path());
-        assert!(told.contains(&format!("perhaps of {program}, is not read: ")), "{told}");
+        assert!(told.contains(&format!("perhaps from {program}, is not read: ")), "{told}");
         fs::remove_file(path).unwrap();
     }
     write(&folder.path().join("sparse/0"), row(&["a.png"]).text());

@@ -9,7 +9,7 @@ use crate::support::files::make;
 use crate::support::files::writers::{picture, row, transforms, write, written};
 use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::glam::DVec3;
-use qirf_vk::pipeline::place;
+use qirf_vk::pipeline::{place, prepare};
 use qirf_vk::scene::lens::{Lens, LensModel};
 use qirf_vk::scene::{AlphaRole, LoadOptions, Photo};
 
@@ -99,6 +99,61 @@ fn lenses_of_nerfstudio_and_instant_ngp_are_read_or_refused_by_name() {
     // A frame's own focal length is that of both axes.
     let own = json(TOP).replacen("{\"file_path\"", "{\"fl_x\": 70, \"file_path\"", 1);
     assert_eq!(open(capture(own).path()).views[0].lens.focal.to_array(), [70.0, 70.0]);
+}
+
+/// Beside poses with OpenCV's axes, NeuS2 gives a matrix of intrinsics for each frame.
+#[test]
+fn axes_and_intrinsics_of_neus2_are_read_and_those_of_mitsuba_refused() {
+    let plain = open(capture(json(TOP)).path());
+    let turned = json(&format!(r#"{TOP}, "from_na": true"#)).replace("[0,1,0,0],[0,0,1,4]", "[0,-1,0,0],[0,0,-1,4]");
+    assert_eq!(open(capture(turned).path()).views[1].camera, plain.views[1].camera);
+    let matrix = r#"{"intrinsic_matrix": [[70,0,30,0],[0,71,20,0],[0,0,1,0],[0,0,0,1]], "file_path""#;
+    let own = json(r#""w": 64, "h": 48"#).replace("{\"file_path\"", matrix);
+    let lens = open(capture(own).path()).views[0].lens;
+    assert_eq!((lens.focal.to_array(), lens.principal.to_array()), ([70.0, 71.0], [30.0, 20.0]));
+    let said = refused(capture(json(&format!(r#"{TOP}, "normal_mts_args": []"#))).path());
+    assert!(said.contains("normal_mts_args"), "{said}");
+}
+
+#[test]
+fn numbers_of_a_frame_hold_for_the_photo_to_whose_middle_they_are_nearer() {
+    let own = |cx: u32| {
+        let frame = format!(r#"{{"fl_x": 52, "cx": {cx}, "cy": {}, "file_path""#, 3 * cx / 4);
+        let scene = capture(json(TOP).replace("{\"file_path\"", &frame));
+        for name in NAMES {
+            picture(&scene.path().join(name), 32, 24);
+        }
+        scene
+    };
+    for (cx, focal) in [(16, 52.0), (32, 26.0), (25, 26.0)] {
+        assert_eq!(open(own(cx).path()).views[0].lens.focal.x, focal, "{cx}");
+    }
+    assert!(refused(own(21).path()).contains("the w and h for which its numbers hold"));
+}
+
+#[test]
+fn what_lies_around_the_circle_of_a_fisheye_is_masked() {
+    let with = |radius: u32| capture(json(&format!(r#"{TOP}, "cx": 30, "fisheye_crop_radius": {radius}"#)));
+    let scene = with(20);
+    for broken in [false, true] {
+        if broken {
+            picture(&scene.path().join("masks/a.png"), 48, 64);
+        }
+        let (photos, told) = load(scene.path());
+        assert_eq!((photos[0].alpha_role, told.contains("another shape")), (AlphaRole::Mask, broken), "{told}");
+        for (x, counts) in [(9, 0), (10, 255), (49, 255), (50, 0)] {
+            assert_eq!(photos[0].pixels.at(64 * 24 + x).unwrap()[3], counts, "{x}");
+        }
+    }
+    let [planned, other] = [20, 21].map(|radius| prepare::contents(&open(with(radius).path())).unwrap());
+    assert_ne!(planned, other);
+}
+
+#[test]
+fn movement_during_the_exposure_is_told() {
+    let moved = format!(r#"{TOP}, "rolling_shutter": [0, 0, 0.02], "rolling_shutter_time": 0"#);
+    let told = notes(&open(capture(json(&moved)).path()));
+    assert_eq!(told, "not used: rolling_shutter; cameras are taken to stand still during an exposure");
 }
 
 #[test]

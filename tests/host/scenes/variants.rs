@@ -61,6 +61,13 @@ fn numbered_cameras_are_no_smaller_copies() {
     assert_eq!((tree.names.len(), tree.left_out.len()), (5, 0));
     picture(&folder.path().join("cam_4/0.png"), 16, 12);
     assert_eq!(PhotoTree::of(folder.path()).left_out, ["cam_4"]);
+    // 2x are copies beside 1x (Nerfies), or a lens of a phone.
+    for (width, height, copies) in [(4, 3, &["2x"][..]), (8, 6, &[])] {
+        let folder = tempfile::tempdir().unwrap();
+        picture(&folder.path().join("1x/0.png"), 8, 6);
+        picture(&folder.path().join("2x/0.png"), width, height);
+        assert_eq!(PhotoTree::of(folder.path()).left_out, copies);
+    }
 }
 
 #[test]

@@ -6,7 +6,7 @@ use glam::DVec3;
 use qirf_vk::synth::{self, Effect, Error, Kind, SynthOptions};
 use std::fs;
 
-fn strip(views: usize) -> SynthOptions {
+pub fn strip(views: usize) -> SynthOptions {
     SynthOptions { kind: Kind::Terrain, points: 900, ..options(views, &[]) }
 }
 
@@ -56,15 +56,7 @@ fn a_strip_grows_with_its_photos_and_its_ends_share_nothing() {
 }
 
 #[test]
-fn a_strip_is_the_same_on_any_number_of_threads_and_says_what_it_is() {
-    let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| make(&strip(6)).0)
-    };
-    let (one, two) = (on(1), on(2));
-    for file in ["images/view_0005.png", "sparse/0/points3D.txt", "sparse/0/images.txt", "synth.json"] {
-        assert!(fs::read(one.path().join(file)).unwrap() == fs::read(two.path().join(file)).unwrap(), "{file}");
-    }
+fn a_strip_says_what_it_is() {
     let told = |options: &SynthOptions| fs::read_to_string(make(options).0.path().join("synth.json")).unwrap();
     assert!(told(&strip(2)).contains("\"kind\": \"terrain\""));
     assert!(!told(&options(2, &[])).contains("kind"), "the plaza's file is as it was");

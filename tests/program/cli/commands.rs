@@ -127,7 +127,7 @@ fn this_machine_tells_and_checks_its_device() {
     sandbox.fails(4, &["render", "model.ply", "--orbit", "1", "-o", "o", "--device", "99"], &["99"]);
     assert!(!sandbox.path("o").exists());
 
-    let told = sandbox.works(&["selftest", "--quick", "--json"]).json();
+    let told = sandbox.validated(&["selftest", "--quick", "--json"]).json();
     assert_eq!(told["passed"], true);
     let checks = told["checks"].as_array().unwrap();
     assert_eq!(told["counts"]["pass"], checks.len());

@@ -103,6 +103,7 @@ fn a_photo_that_fits_no_points_is_named_and_marked() {
     assert!(advice.starts_with("1 photo with a pose that does not fit the points"), "{advice}");
     let page = fs::read_to_string(sandbox.path("capture.html")).unwrap();
     assert!(page.contains("<canvas") && page.len() > 20_000, "{}", page.len());
+    assert!(page.contains(": points and cameras</title>") && page.contains("blue trained on, orange held out"));
 }
 
 #[test]
@@ -115,7 +116,7 @@ fn photos_that_do_not_show_their_points_are_named() {
         fs::rename(photo(folder, 9), photo(folder, 3)).unwrap();
         fs::rename(folder.join("third"), photo(folder, 9)).unwrap();
     });
-    advises(&swapped, "2 photos that do not show what the points of their poses look like");
+    advises(&swapped, "2 photos that do not look like the points seen from their poses");
     let names = swapped["disagreeing"].to_string();
     assert!(names.contains("view_0003.png") && names.contains("view_0009.png"), "{names}");
 

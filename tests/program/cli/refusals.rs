@@ -58,12 +58,16 @@ fn a_wrong_command_line_is_usage() {
         vec!["run", "scene", "-o", "out", "--antialias", "--effect", "antialias=off"],
         vec!["run", "scene", "-o", "out", "--sh-degree", "1", "--effect", "view_dependence=off"],
         vec!["run", "scene", "-o", "out", "--no-prune", "--keep", "0.2"],
+        vec!["run", "scene", "-o", "-"],
+        vec!["pose", "scene", "-o", "-"],
+        vec!["synth", "-"],
+        vec!["shard", "plan", "compress", "model.ply", "-o", "-"],
         vec!["run", "scene", "-o", "out", "--no-prune", "--schedule", "one-shot"],
         vec!["shard", "plan", "run", "scene", "-o", "out", "--no-prune", "--selector", "css"],
     ] {
         sandbox.fails(2, &arguments, &[]);
     }
-    assert!(!sandbox.path("out").exists());
+    assert!(!sandbox.path("out").exists() && !sandbox.path("-").exists());
     // The checkpoint of a comparison is no interrupted run's.
     fs::create_dir_all(sandbox.path("out/arms")).unwrap();
     sandbox.fails(2, &["run", "scene", "-o", "out", "--resume"], &["holds a comparison"]);
@@ -104,6 +108,8 @@ fn bad_models_are_refused_by_name_or_salvaged() {
         sandbox.fails(3, &["convert", name, "out.ply"], &[name]);
     }
     assert!(!sandbox.path("out").exists() && !sandbox.path("out.ply").exists());
+    write("cameras_sphere.npz", b"PK\x03\x04nothing");
+    sandbox.fails(3, &["inspect", "cameras_sphere.npz"], &["perhaps from NeuS"]);
 
     // The error names the page, not the SPZ in it.
     let mut far = model(3);

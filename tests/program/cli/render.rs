@@ -14,7 +14,7 @@ fn size(path: &Path) -> (u32, u32) {
 #[test]
 fn pictures_of_a_scene_are_named_after_its_images() {
     let sandbox = Sandbox::new();
-    let ran = sandbox.works(&["render", "model.ply", "--scene", "scene", "-o", "out"]);
+    let ran = sandbox.validated(&["render", "model.ply", "--scene", "scene", "-o", "out"]);
     assert!(ran.out.is_empty() && ran.said.contains("2 pictures"), "{}", ran.said);
     let first = fs::read(sandbox.path("out/one.png")).unwrap();
     assert_eq!((size(&sandbox.path("out/one.png")), size(&sandbox.path("out/b/two.png"))), ((40, 30), (40, 30)));
@@ -59,38 +59,16 @@ fn npy_holds_float32_height_width_4() {
 #[test]
 fn orbits_of_any_model_show_it() {
     let sandbox = Sandbox::new();
-    sandbox.works(&[
-        "render",
-        "model.ply",
-        "--orbit",
-        "3",
-        "-o",
-        "out",
-        "--size",
-        "64x48",
-        "--up",
-        "-z",
-        "--fov",
-        "60",
-    ]);
+    let turned = ["--size", "64x48", "--up", "-z", "--fov", "60"];
+    sandbox.validated(&[&["render", "model.ply", "--orbit", "3", "-o", "out"][..], &turned].concat());
     for i in 0..3 {
         let path = sandbox.path(&format!("out/orbit_00{i}.png"));
         assert_eq!(size(&path), (64, 48));
         let picture = image::open(path).unwrap().into_rgb8();
         assert!(picture.pixels().filter(|p| p.0[0] > 30).count() > 100);
     }
-    sandbox.works(&[
-        "render",
-        "model.ply",
-        "--orbit",
-        "1",
-        "-o",
-        "clear",
-        "--size",
-        "64x48",
-        "--transparent",
-        "--antialias",
-    ]);
+    let clear = ["--size", "64x48", "--transparent", "--antialias"];
+    sandbox.works(&[&["render", "model.ply", "--orbit", "1", "-o", "clear"][..], &clear].concat());
     let picture = image::open(sandbox.path("clear/orbit_000.png")).unwrap();
     assert!(picture.color().has_alpha());
     assert!(picture.into_rgba8().pixels().any(|p| p.0[3] == 0));

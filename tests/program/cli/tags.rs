@@ -77,7 +77,7 @@ fn convert_and_compress_keep_the_tag_and_inspect_names_it() {
         ("plain.ply", "d.ply", &["--antialias"], true),
         ("smooth.ply", "d.ply", &["--antialias=off"], false),
     ] {
-        let ran = sandbox.works(&[&["compress", from, "-o", to], &compress[..], options].concat());
+        let ran = sandbox.validated(&[&["compress", from, "-o", to], &compress[..], options].concat());
         assert_eq!(ran.json()["protocol"]["antialias"], expected);
         assert_eq!(mode(to) == "anti-aliased", expected, "{from} {options:?}");
     }
@@ -119,6 +119,8 @@ fn damaged_tags_are_warnings() {
         ran.said
     );
     assert!(picture == sandbox.picture("plain.ply", &[]).0);
+    let seen = sandbox.works(&["inspect", "hurt.ply"]);
+    assert!(seen.said.contains("hurt.ply: the tag"), "{}", seen.said);
 }
 
 #[test]

@@ -27,6 +27,7 @@ fn unknown_names_are_refused_in_one_form() {
             "'abc' is not an arm; possible values: default, paper, gns, ",
         ),
         (vec!["sweep", "scene", "-o", "out", "--axis", "abc"], "'abc' is not an axis; possible values: solver, "),
+        (vec!["convert", "model.ply", "model.abc"], ".html for a page, or lod-meta.json"),
         (vec!["synth", "out", "--effects", "abc"], "'abc' is not an effect; possible values: exposure, "),
         (
             vec!["synth", "out", "--kind", "abc"],

@@ -113,12 +113,12 @@ fn under_nohup_it_goes_on() {
 #[test]
 fn commands_without_steps_end_with_130() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["INT", "TERM"] {
+    for name in ["INT", "TERM", "HUP"] {
         let capture = folder.path().join(name);
         let mut command = program();
         command.arg("synth").arg(&capture).args(["--views", "9999", "--size", "640x480"]);
         // A shell's background jobs ignore INT, and so would the command.
-        let mut child = start(&mut by("env", &["--default-signal=INT"], &command));
+        let mut child = start(&mut by("env", &["--default-signal=INT,HUP"], &command));
         child.until(|| capture.join("synth.json").exists());
         assert_eq!(child.signal(name).code, Some(130), "{name}");
     }

@@ -184,8 +184,8 @@ fn parts_without_a_photo_of_their_own_are_not_told() {
     stage.gives(1, 2..6);
     stage.gives(2, 7..12);
     let (_, said) = works(stage.pose(&[]));
-    assert!(said.contains("9 of 12 photos have poses; 3 make a part of their own"), "{said}");
-    assert_eq!(said.matches("part of their own").count(), 1, "{said}");
+    assert!(said.contains("9 of 12 photos have poses; 3 form a separate part"), "{said}");
+    assert_eq!(said.matches("separate part").count(), 1, "{said}");
 }
 
 #[test]
@@ -319,7 +319,7 @@ fn of_two_parts_the_larger_is_taken_and_both_are_told() {
     stage.gives(0, 0..4);
     stage.gives(1, 4..11);
     let (ended, said) = works(stage.pose(&[]));
-    for words in ["7 of 12 photos have poses", "4 make a part of their own", "1 are in no part: 11.png"] {
+    for words in ["7 of 12 photos have poses", "4 form a separate part", "1 are in no part: 11.png"] {
         assert!(said.contains(words), "{words}: {said}");
     }
     let (_, json) = works(stage.pose(&["--json"]));

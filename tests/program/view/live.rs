@@ -2,7 +2,7 @@
 
 use super::session::{Socket, Viewer, request};
 use super::{beside, scene};
-use crate::program::ended::copy;
+use crate::program::ended::{copy, rescale};
 use crate::program::faults::harness::{content, end, program, run, undisturbed, validated};
 use serde_json::Value;
 use std::path::Path;
@@ -72,18 +72,7 @@ fn a_page_knows_the_unit_of_a_run() {
     let folder = tempfile::tempdir().unwrap();
     let small = folder.path().join("small");
     copy(scene(), &small);
-    for (file, first) in [("images.txt", 5), ("points3D.txt", 1)] {
-        let path = small.join("sparse/0").join(file);
-        let scaled = |line: &str| {
-            let mut fields: Vec<String> = line.split(' ').map(str::to_owned).collect();
-            if !line.starts_with('#') && (first == 1 || line.contains(".png")) {
-                fields[first..first + 3].iter_mut().for_each(|f| *f = (1e-3 * f.parse::<f64>().unwrap()).to_string());
-            }
-            fields.join(" ") + "\n"
-        };
-        let text = std::fs::read_to_string(&path).unwrap();
-        std::fs::write(&path, text.lines().map(scaled).collect::<String>()).unwrap();
-    }
+    rescale(&small.join("sparse/0"), 1e-3);
     let mut command = program();
     command.arg("run").arg(&small).arg("-o").arg(folder.path().join("out")).args(["--iterations", "3000", "--view"]);
     let description = Viewer::of(command).json("/scene.json");
@@ -195,6 +184,7 @@ fn a_page_pauses_resumes_and_stops_a_run_that_then_ends_as_ever() {
     let held = out.path().join("checkpoint.safetensors");
     let before = std::fs::metadata(&held).and_then(|m| m.modified()).ok();
     socket.send(r#"{"control":"checkpoint"}"#);
+    news(&mut socket, |n| n["note"].as_str().is_some_and(|note| note.starts_with("a checkpoint is written")));
     let begun = Instant::now();
     while std::fs::metadata(&held).and_then(|m| m.modified()).ok() == before {
         assert!(begun.elapsed() < Duration::from_secs(30), "no checkpoint");
@@ -203,6 +193,7 @@ fn a_page_pauses_resumes_and_stops_a_run_that_then_ends_as_ever() {
     socket.send(r#"{"control":"resume"}"#);
     news(&mut socket, |n| n["paused"] == false && n["iteration"].as_u64() > Some(at));
     socket.send(r#"{"control":"stop"}"#);
+    news(&mut socket, |n| n["ended"].as_str().is_some_and(|how| how.contains("--resume")));
     assert_eq!(viewer.wait(), Some(130));
     end(&mut run(out.path(), &["--resume"])).with(0, &[]);
     assert_eq!(std::fs::read(out.path().join("model.ply")).unwrap(), undisturbed());

@@ -147,7 +147,7 @@ fn frames(viewer: &Viewer, rng: &mut Rng) {
         [mutate(rng, &bytes[..within], other).as_slice(), &bytes[within..]].concat()
     });
     let answers = conversations(viewer, damaged);
-    for reason in ["messages are JSON", "4 kB", "of another version"] {
+    for reason in ["messages are JSON", "4 kB", "from another version"] {
         assert!(said(&answers, reason) > 0, "no frame was refused with {reason:?}");
     }
 }
@@ -162,7 +162,7 @@ fn messages(viewer: &Viewer, rng: &mut Rng) {
     });
     let answers = conversations(viewer, damaged);
     // Some are read, and some are not.
-    let refused = said(&answers, "of another version");
+    let refused = said(&answers, "from another version");
     assert!((24..CASES - 24).contains(&refused), "{refused} of {CASES} were refused");
 }
 

@@ -196,6 +196,9 @@ fn mouse_and_keys_move_the_camera() {
     page.key("l");
     let level = "Math.abs(viewer.camera.right.reduce((s, v, i) => s + v * viewer.camera.up[i], 0)) < 1e-9";
     page.until(level);
+    // Zooming is bounded, so that it ends neither in the middle nor nowhere.
+    page.value("for (let i = 0; i < 4000; i++) viewer.camera.dolly(i < 2000 ? 2 : 0.5)");
+    page.until("viewer.reach > 0 && viewer.camera.distance >= 0.9e-3 * viewer.reach");
     page.key("Home");
     page.until("viewer.camera.position.every((v, i) => v === viewer.scene.start.position[i])");
 
@@ -225,6 +228,9 @@ fn photos_are_a_click_away_and_compared_by_a_slider() {
     }
     page.until(&format!("viewer.photo >= 0 && {RESTED}"));
     assert_eq!(page.value("[viewer.frame.size[0], viewer.frame.size[1]]"), json!([64, 48]));
+    // In another order, the list still marks it.
+    page.value("document.getElementById('sort').click()");
+    page.until("document.querySelectorAll('#list [aria-current=true]').length === 1");
 
     let slide = |page: &mut Browser, to: u32| {
         let event = "dispatchEvent(new Event('input', { bubbles: true }))";
@@ -269,10 +275,10 @@ fn a_prune_is_shown_with_its_legend() {
     let mut seen = vec![page.value(PIXELS)];
     for (key, kind, legend) in [
         ("4", "blocks", "each cluster"),
-        ("6", "count", "red 255"),
-        ("7", "kept", "green kept"),
+        ("6", "count", "red: 255"),
+        ("7", "kept", "green: kept"),
         ("8", "score", "rank by score"),
-        ("9", "guards", "blue seen by no view"),
+        ("9", "guards", "blue: seen by no view"),
     ] {
         page.key(key);
         page.until(&format!("viewer.kind === '{kind}' && viewer.received === viewer.sent && {RESTED}"));
@@ -282,9 +288,11 @@ fn a_prune_is_shown_with_its_legend() {
         seen.push(now);
     }
     page.key("6");
-    page.until("document.getElementById('status').textContent.includes('Gaussians a pixel on average')");
+    page.until("document.getElementById('status').textContent.includes('Gaussians per pixel on average')");
     page.key("1");
     page.until("document.getElementById('legend').textContent === ''");
+    // Pairs solve no blocks.
+    assert_eq!(page.value("document.querySelector('#kind [value=participation]')"), Value::Null);
     assert_eq!(page.complaints, Vec::<String>::new());
 }
 

@@ -72,7 +72,7 @@ fn a_request_that_never_ends_is_closed() {
 fn bad_messages_end_the_conversation_and_bad_requests_do_not() {
     let viewer = viewer(&[]);
     for (message, why) in [
-        ("{".to_owned(), "of another version"),
+        ("{".to_owned(), "from another version"),
         (r#"{"control":"pause"}"#.to_owned(), "cannot control the run"),
         (format!("{{\"shown\":{}}}", " ".repeat(5000)), "4 kB"),
     ] {
@@ -129,7 +129,7 @@ fn what_cannot_be_shown_or_served_is_said() {
         (
             vec!["view", &model, "--host", "192.0.2.1"],
             2,
-            "192.0.2.1 is no address of this machine; choose another --host",
+            "192.0.2.1 is not an address of this machine; choose another --host",
         ),
         (vec!["view", &begun], 3, "a run that has not finished; continue it with `run --resume`"),
         (vec!["view", &model, "--scene", &begun], 3, "a run that has not finished"),

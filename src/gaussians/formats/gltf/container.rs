@@ -42,7 +42,7 @@ pub(super) fn parts(bytes: &[u8]) -> Result<Parts<'_>, Fault> {
         return Err(malformed("header", format!("the file ends within its 12 bytes; {AGAIN}")));
     };
     if version != 2 {
-        return Err(Fault::Unsupported(format!("GLB version {version}; version 2 is read, export it as that")));
+        return Err(Fault::Unsupported(format!("GLB version {version}; version 2 is read; export it as that")));
     }
     let whole = bytes.get(..length as usize).filter(|whole| whole.len() >= 12).ok_or_else(|| {
         malformed("header, byte 8", format!("{length} bytes claimed, the file has {}; {AGAIN}", bytes.len()))

@@ -221,11 +221,25 @@ pub(super) struct Node {
     pub extensions: NodeExtensions,
 }
 
-/// Extensions of a node that change where its mesh is.
+impl Node {
+    /// True if neither its mesh nor any node below it is shown.
+    pub(super) fn is_hidden(&self) -> bool {
+        self.extensions.visibility.as_ref().is_some_and(|visibility| visibility.visible == Some(false))
+    }
+}
+
+/// Extensions of a node that change where its mesh is, and whether it is shown.
 #[derive(Debug, Default, Deserialize)]
 pub(super) struct NodeExtensions {
     #[serde(rename = "EXT_mesh_gpu_instancing")]
     pub instances: Option<Instances>,
+    #[serde(rename = "KHR_node_visibility")]
+    pub visibility: Option<Visibility>,
+}
+
+#[derive(Debug, Deserialize)]
+pub(super) struct Visibility {
+    pub visible: Option<bool>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -255,7 +269,7 @@ pub(super) fn parse(json: &[u8]) -> Result<Document<'_>, Fault> {
         serde_json::from_slice(json).map_err(|error| malformed("JSON", format!("{error}; {AGAIN}")))?;
     if !document.asset.version.starts_with("2.") {
         let version = shown(&document.asset.version, 20);
-        return Err(Fault::Unsupported(format!("glTF version {version}; version 2 is read, export it as that")));
+        return Err(Fault::Unsupported(format!("glTF version {version}; version 2 is read; export it as that")));
     }
     Ok(document)
 }

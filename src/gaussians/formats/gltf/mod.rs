@@ -26,13 +26,14 @@ const EXTENSION: &str = "KHR_gaussian_splatting";
 /// Key of the tag in a primitive's `extras`; values are those of PLY's comment.
 const TAG: &str = "SplatRenderMode";
 /// Extensions that a file may require for its Gaussians.
-const KNOWN: [&str; 6] = [
+const KNOWN: [&str; 7] = [
     EXTENSION,
     "KHR_gaussian_splatting_compression_spz",
     "KHR_gaussian_splatting_compression_spz_2",
     "KHR_spz_gaussian_splats_compression",
     "KHR_mesh_quantization",
     "EXT_mesh_gpu_instancing",
+    "KHR_node_visibility",
 ];
 /// Most primitives that nodes may place: a short file may place a long list many times.
 const MOST_PLACED: usize = 1 << 16;
@@ -77,9 +78,15 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
         }
     }
     let mut tag = Tag::of_parts(tags);
-    if let Some(other) = document.required.iter().find(|name| !KNOWN.contains(&name.as_ref())) {
-        let shown = shown(other, 60);
-        tag.doubt = Some(format!("the file requires {shown}, which is not known; the Gaussians are read without it"));
+    let unknown = document.required.iter().find(|name| !KNOWN.contains(&name.as_ref()));
+    tag.add_first(unknown.map(|other| {
+        format!("the file requires {}, which is not known; the Gaussians are read without it", shown(other, 60))
+    }));
+    let mut primitives = document.meshes.iter().flat_map(|mesh| mesh.primitives.iter());
+    if !found && document.nodes.iter().any(document::Node::is_hidden) && primitives.any(splats::holds) {
+        return Err(Fault::Unsupported(format!(
+            "no visible primitive with {EXTENSION}: KHR_node_visibility hides its node; show it in the program that made the file"
+        )));
     }
     if !found && !document.used.iter().any(|name| name == EXTENSION) {
         return Err(Fault::Unsupported(format!(

@@ -14,7 +14,7 @@ pub(super) struct Placed {
     pub map: DAffine3,
 }
 
-/// The meshes of the file's scene; all meshes of a file without nodes.
+/// The visible meshes of the file's scene; all meshes of a file without nodes.
 pub(super) fn meshes(document: &Document) -> Result<Vec<Placed>, Fault> {
     if document.nodes.is_empty() {
         let all = 0..document.meshes.len();
@@ -24,21 +24,24 @@ pub(super) fn meshes(document: &Document) -> Result<Vec<Placed>, Fault> {
     let mut children = vec![false; document.nodes.len()];
     for (i, node) in document.nodes.iter().enumerate() {
         for &child in &node.children {
-            *children.get_mut(child).ok_or_else(|| fault(i, "has a child that is not there"))? = true;
+            *children.get_mut(child).ok_or_else(|| fault(i, "has a child that does not exist"))? = true;
         }
     }
     let scene = document.scenes.get(document.scene.unwrap_or(0));
     if let (Some(number), None) = (document.scene, scene) {
-        return Err(malformed("document", format!("its scene, number {number}, is not there; {AGAIN}")));
+        return Err(malformed("document", format!("its scene, number {number}, does not exist; {AGAIN}")));
     }
     let roots = scene.map_or_else(|| (0..children.len()).filter(|&i| !children[i]).collect(), |s| s.nodes.clone());
     let mut open: Vec<(usize, DAffine3)> = roots.into_iter().rev().map(|root| (root, DAffine3::IDENTITY)).collect();
     let mut seen = vec![false; document.nodes.len()];
     let mut placed = Vec::new();
     while let Some((i, above)) = open.pop() {
-        let node = document.nodes.get(i).ok_or_else(|| fault(i, "is not there"))?;
+        let node = document.nodes.get(i).ok_or_else(|| fault(i, "does not exist"))?;
         if std::mem::replace(&mut seen[i], true) {
             return Err(fault(i, "has several parents"));
+        }
+        if node.is_hidden() {
+            continue;
         }
         let map = above * local(node);
         if !map.is_finite() {
@@ -46,7 +49,7 @@ pub(super) fn meshes(document: &Document) -> Result<Vec<Placed>, Fault> {
         }
         if let Some(mesh) = node.mesh {
             if mesh >= document.meshes.len() {
-                return Err(fault(i, "its mesh is not there"));
+                return Err(fault(i, "its mesh does not exist"));
             }
             placed.push(Placed { mesh, node: i, map });
         }

@@ -45,10 +45,10 @@ pub(super) fn read(store: &Store, primitive: &Primitive, record: &str) -> Result
     }
     match splats.color_space.as_deref() {
         None | Some("srgb_rec709_display") => {}
-        Some(other) => tag.doubt = Some(format!("its colours are {}; they are drawn as sRGB", shown(other, 40))),
+        Some(other) => tag.add_doubt(format!("its colours are {}; they are drawn as sRGB", shown(other, 40))),
     }
     if let Some(other) = splats.kernel.as_deref().filter(|kernel| *kernel != "ellipse") {
-        tag.doubt = Some(format!("its kernel is {}; it is drawn as Gaussians", shown(other, 40)));
+        tag.add_doubt(format!("its kernel is {}; it is drawn as Gaussians", shown(other, 40)));
     }
     Ok(Some((attributes(store, primitive, record)?, tag)))
 }

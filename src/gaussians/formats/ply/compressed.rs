@@ -38,7 +38,7 @@ pub(super) fn gaussians(chunk: &Table, vertex: &Table, sh: Option<&Table>) -> Re
     if limits.len() < n.div_ceil(CHUNK) {
         return Err(malformed(
             "element chunk",
-            format!("{} chunks of {CHUNK} for {n} Gaussians; the counts disagree, export the file again", limits.len()),
+            format!("{} chunks of {CHUNK} for {n} Gaussians; the counts disagree: export the file again", limits.len()),
         ));
     }
 
@@ -58,7 +58,7 @@ pub(super) fn gaussians(chunk: &Table, vertex: &Table, sh: Option<&Table>) -> Re
         if sh.len() != n {
             return Err(malformed(
                 "element sh",
-                format!("{} rows for {n} Gaussians; the counts disagree, export the file again", sh.len()),
+                format!("{} rows for {n} Gaussians; the counts disagree: export the file again", sh.len()),
             ));
         }
         for band in rest_bands(&rest_slots(sh)?) {

@@ -25,7 +25,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Parsed, Fault> {
     let (tables, trailing_bytes) = tables(bytes, &header, &["chunk", "vertex", "sh"])?;
     let table = |name: &str| tables.iter().find(|table| table.name() == name);
     let Some(vertex) = table("vertex") else {
-        return Err(malformed("header", "no `element vertex`; this PLY holds no Gaussians, give another file"));
+        return Err(malformed("header", "no `element vertex`; this PLY holds no Gaussians: give another file"));
     };
     let mut tag = tag(&header);
     let (gaussians, format) = match table("chunk") {
@@ -101,12 +101,17 @@ fn tag(header: &Header) -> Tag {
     tag
 }
 
-/// Notes in the tag that flat Gaussians were thickened, and that a 3D filter was applied.
+/// Notes in the tag that flat Gaussians were thickened, that a 3D filter was applied, and that opacities are whole numbers.
 fn changed(tag: &mut Tag, vertex: &Table) {
     if standard::is_flat(vertex) {
         tag.thickened();
     }
     if vertex.find(standard::FILTER).is_some() {
         tag.smoothed();
+    }
+    if vertex.find("opacity").is_some_and(|slot| slot.kind().is_integer()) {
+        tag.add_doubt(
+            "its opacities are whole numbers, which are taken as logits; if they mean 0 to 255, export them as logits in floats",
+        );
     }
 }

@@ -132,7 +132,7 @@ pub(super) fn rest_slots(table: &Table) -> Result<Vec<Slot>, Fault> {
         72 => Err(Fault::Unsupported("SH degree 4 (72 f_rest); export it with degree 3 or less".into())),
         _ => Err(malformed(
             format!("element {}", table.name()),
-            format!("{count} f_rest properties; SH of degree 0 to 3 has 0, 9, 24 or 45, export the file again"),
+            format!("{count} f_rest properties; SH of degree 0 to 3 has 0, 9, 24 or 45; export the file again"),
         )),
     }
 }

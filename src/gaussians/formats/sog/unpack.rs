@@ -65,7 +65,7 @@ struct Rest {
 /// The value of each byte of a channel.
 type Lookup = [f32; 256];
 
-/// Reads `meta.json` and the textures beside it.
+/// Reads `meta.json` and the textures beside it; links are followed, since caches of downloads consist of them.
 pub(in super::super) fn read_folder(folder: &Path) -> Result<Parsed, Fault> {
     read(|name| {
         let path = folder.join(name);
@@ -107,7 +107,7 @@ fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, 
     let meta: Meta = serde_json::from_slice(text.strip_prefix(MARK).unwrap_or(&text))
         .map_err(|error| malformed("meta.json", format!("{error}; {AGAIN}")))?;
     if let Some(version) = meta.version.filter(|v| ![1.0, 2.0].contains(v)) {
-        return Err(Fault::Unsupported(format!("SOG version {version}; versions 1 and 2 are read, export it as one")));
+        return Err(Fault::Unsupported(format!("SOG version {version}; versions 1 and 2 are read; export it as one")));
     }
     let claimed = meta.count.or_else(|| meta.means.shape.as_ref()?.first().copied());
     let claimed = claimed.ok_or_else(|| malformed("meta.json", format!("neither count nor means.shape; {AGAIN}")))?;

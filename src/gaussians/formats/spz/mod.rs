@@ -7,7 +7,7 @@
 mod pack;
 mod unpack;
 
-pub(super) use pack::{pack, usual};
+pub(super) use pack::{LOG_SCALES, pack, usual};
 pub(super) use unpack::{Around, is_inside, parts, read, read_in};
 
 /// Flag of the header: the model is anti-aliased.

@@ -104,8 +104,8 @@ fn frames(header: Vec<u8>, streams: &[Vec<u8>]) -> io::Result<Vec<u8>> {
     Ok(out)
 }
 
-/// Logarithms of the scales that a byte can hold.
-const LOG_SCALES: RangeInclusive<f32> = -10.0..=255.0 / 16.0 - 10.0;
+/// Logarithms of the scales that a byte can hold, in steps of 1/16.
+pub(in super::super) const LOG_SCALES: RangeInclusive<f32> = -10.0..=255.0 / 16.0 - 10.0;
 
 /// Fractional bits of the means: the official 12, or more for small Gaussians, as 24 bits allow; or as many `below` the median
 /// Gaussian's size, if these are fewer.

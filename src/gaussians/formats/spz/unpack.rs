@@ -72,7 +72,7 @@ impl Header {
         };
         if !(1..=4).contains(&version) {
             return Err(Fault::Unsupported(format!(
-                "SPZ version {version}; versions 1 to 4 are read, export it as one"
+                "SPZ version {version}; versions 1 to 4 are read; export it as one"
             )));
         }
         if usize::from(degree) > MAX_SH_DEGREE {

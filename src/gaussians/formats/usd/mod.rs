@@ -2,7 +2,7 @@
 //!
 //! Arrays of one entry a Gaussian: `positions`, `orientations` (w, x, y, z, unit), `scales` and `opacities` (linear); SH Gaussian by
 //! Gaussian, (degree + 1)^2 triples each. A name that ends in `h` holds halves. Layers are right-up-back where Y is up, and that
-//! after a quarter turn about x where Z is up. The schema knows neither dilation nor anti-aliasing: the tag lies in the prim's
+//! after a quarter turn about x where Z is up; their unit is `metersPerUnit`. The schema knows neither dilation nor anti-aliasing: the tag lies in the prim's
 //! `customData`. The local origin of means is its translation. Facts: openusd.org/release/user_guides/schemas/usdVol.
 
 mod package;

@@ -37,7 +37,7 @@ pub(in super::super) fn read_package(bytes: &[u8]) -> Result<Parsed, Fault> {
     };
     let layer = part().ok_or_else(|| damaged("its first file is cut short".into()))?;
     if crc32([layer]) != entry.crc32() {
-        return Err(damaged("its first file has another checksum than the archive says".into()));
+        return Err(damaged("its first file does not have the checksum that the archive states".into()));
     }
     if layer.starts_with(b"PXR-USDC") {
         return Err(binary());

@@ -1,6 +1,8 @@
 //! Reading a USD text layer.
 
-use glam::DAffine3;
+use std::ops::RangeInclusive;
+
+use glam::{DAffine3, DVec3};
 
 use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert, convert_place};
 use super::super::linear::{log_scale, logit};
@@ -17,6 +19,10 @@ const DEEPEST: usize = 1000;
 const ARCS: [&[u8]; 5] = [b"references", b"payload", b"subLayers", b"inherits", b"specializes"];
 const ELSEWHERE: &str =
     "it refers to other layers or prims, which are not read; `usdcat --flatten in.usda -o out.usda` joins them";
+const HIDDEN: &str =
+    "each is invisible, inactive, a guide, a proxy, a class or an over; show it in the program that made the file";
+/// Units of length that are read, in metres.
+const UNITS: RangeInclusive<f64> = 1e-20..=1e20;
 
 /// Attributes of a prim with Gaussians.
 #[derive(Default)]
@@ -39,6 +45,9 @@ type Part = (Gaussians, Tag, DAffine3);
 struct Metadata {
     inactive: bool,
     tag: Tag,
+    z_up: Option<bool>,
+    /// Metres of a unit.
+    unit: Option<f64>,
 }
 
 /// An open pair of braces.
@@ -53,6 +62,8 @@ struct Scope {
     parts: Vec<Part>,
     /// True if a stage shows nothing of it: a class, an `over`, inactive or invisible.
     hidden: bool,
+    /// True if its own purpose is that of a guide or of a proxy; none if it has the purpose of the prim around it.
+    aside: Option<bool>,
     /// True for the value of a property: a dictionary, or the variants of a set.
     value: bool,
 }
@@ -60,36 +71,54 @@ struct Scope {
 /// Reads a text layer; its prims with Gaussians are one model.
 pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
     let mut reader =
-        Reader { scan: Scan::new(text), tag: Tag::default(), z_up: false, refers: false, parts: Vec::new() };
+        Reader { scan: Scan::new(text), layer: Metadata::default(), refers: false, hidden: false, parts: Vec::new() };
     reader.layer()?;
-    let Reader { z_up, refers, parts, tag: of_layer, .. } = reader;
-    let upright = DAffine3::from_rotation_x(if z_up { -std::f64::consts::FRAC_PI_2 } else { 0.0 });
+    let Reader { refers, hidden, parts, layer: Metadata { tag: of_layer, z_up, unit, .. }, .. } = reader;
+    let upright = DAffine3::from_rotation_x(if z_up == Some(true) { -std::f64::consts::FRAC_PI_2 } else { 0.0 });
+    let metres = unit.filter(|unit| UNITS.contains(unit)).unwrap_or(1.0);
+    let in_metres = DAffine3::from_scale(DVec3::splat(metres)) * upright;
     let (mut model, mut tags, mut origin) = (None, Vec::new(), None);
     for (mut part, tag, map) in parts {
         tags.push(tag.or(&of_layer));
-        place(&mut part, &(upright * map), &mut origin, "a prim")?;
+        place(&mut part, &(in_metres * map), &mut origin, "a prim")?;
         match &mut model {
             None => model = Some(part),
             Some(model) => model.append(&part),
         }
     }
     let Some(mut model) = model else {
-        let why = if refers { ELSEWHERE } else { "this USD holds no Gaussians; give another file" };
-        return Err(Fault::Unsupported(format!("no prim of type {PRIM}: {why}")));
+        let why = match (refers, hidden) {
+            (true, _) => ELSEWHERE,
+            (false, true) => HIDDEN,
+            (false, false) => "this USD holds no Gaussians; give another file",
+        };
+        return Err(Fault::Unsupported(format!(
+            "no {}prim of type {PRIM}: {why}",
+            if hidden { "visible " } else { "" }
+        )));
     };
     convert(&mut model, RIGHT_UP_BACK, RIGHT_DOWN_FRONT);
     let mut tag = Tag::of_parts(tags);
-    tag.doubt = tag.doubt.or_else(|| refers.then(|| ELSEWHERE.to_owned()));
+    tag.add_first(refers.then(|| ELSEWHERE.to_owned()).into_iter().chain(unit.and_then(of_unit)));
     tag.origin = convert_place(origin.unwrap_or_default(), RIGHT_UP_BACK, RIGHT_DOWN_FRONT).to_array();
     Ok(Parsed { gaussians: model, format: Format::Usd, tag, trailing_bytes: 0 })
 }
 
+/// What a user should know of a layer's unit, in metres.
+fn of_unit(unit: f64) -> Option<String> {
+    if !UNITS.contains(&unit) {
+        return Some(format!("its metersPerUnit, {unit}, is no length; its coordinates are taken as metres"));
+    }
+    (unit != 1.0).then(|| format!("its unit is {unit} m; positions and sizes were converted to metres"))
+}
+
 struct Reader<'a> {
     scan: Scan<'a>,
-    tag: Tag,
-    z_up: bool,
+    layer: Metadata,
     /// True if a prim or the layer adds the content of others.
     refers: bool,
+    /// True if a prim with Gaussians is not shown.
+    hidden: bool,
     parts: Vec<Part>,
 }
 
@@ -99,9 +128,11 @@ impl Reader<'_> {
         while let Some(first) = self.scan.peek() {
             match first {
                 b'(' => {
-                    let Metadata { tag, .. } = self.metadata()?;
+                    let Metadata { tag, z_up, unit, .. } = self.metadata()?;
                     if scopes.is_empty() {
-                        self.tag = tag.or(&self.tag);
+                        let layer = &mut self.layer;
+                        layer.tag = tag.or(&layer.tag);
+                        (layer.z_up, layer.unit) = (z_up.or(layer.z_up), unit.or(layer.unit));
                     }
                 }
                 b'{' => {
@@ -114,7 +145,12 @@ impl Reader<'_> {
                         return Err(self.scan.fault("a brace that was not opened"));
                     };
                     if scope.hidden || scopes.iter().any(|scope| scope.hidden) {
+                        self.hidden |= scope.splats.is_some() || !scope.parts.is_empty();
                         continue;
+                    }
+                    let aside = scope.aside.or_else(|| scopes.iter().rev().find_map(|scope| scope.aside));
+                    if aside == Some(true) && scope.splats.take().is_some() {
+                        self.hidden = true;
                     }
                     if let Some(arrays) = scope.splats {
                         let (part, tag) = gaussians(arrays, &scope.name)?;
@@ -202,10 +238,18 @@ impl Reader<'_> {
             scopes.push(Scope { value: true, ..Scope::default() });
             return Ok(());
         }
-        if name == b"visibility" {
-            let invisible = self.scan.word() == Some(b"invisible");
+        if name == b"visibility" || name == b"purpose" {
+            let word = self.scan.word();
             if let Some(scope) = scopes.last_mut() {
-                scope.hidden |= invisible;
+                scope.hidden |= matches!(word, Some(b"invisible"));
+                if name == b"purpose" {
+                    scope.aside = Some(matches!(word, Some(b"guide" | b"proxy")));
+                    // Prims that stand before the purpose of the prim around them.
+                    if scope.aside == Some(true) && !scope.parts.is_empty() {
+                        scope.parts.clear();
+                        self.hidden = true;
+                    }
+                }
             }
             return Ok(());
         }
@@ -233,7 +277,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// A group of metadata in parentheses; notes which axis is up, and references.
+    /// A group of metadata in parentheses; notes references.
     fn metadata(&mut self) -> Result<Metadata, Fault> {
         let mut metadata = Metadata::default();
         let start = self.scan.at;
@@ -248,11 +292,13 @@ impl Reader<'_> {
                 b")" | b"}" => depth = depth.saturating_sub(1),
                 _ => {}
             }
-            if word == b"=" {
+            if word == b"=" && last == b"metersPerUnit" && depth == 1 {
+                metadata.unit = self.scan.numbers()?.first().copied();
+            } else if word == b"=" {
                 let value = if self.scan.at < end { self.scan.word().unwrap_or_default() } else { b"" };
                 depth += usize::from(matches!(value, b"(" | b"{"));
                 match last {
-                    b"upAxis" => self.z_up = value == b"Z",
+                    b"upAxis" if depth == 1 => metadata.z_up = Some(value == b"Z"),
                     _ if depth == 1 && ARCS.contains(&last) => {
                         let mut next = || if self.scan.at < end { self.scan.word().unwrap_or_default() } else { b"" };
                         self.refers |= value != b"None" && (value != b"[" || next() != b"]");
@@ -316,7 +362,7 @@ fn gaussians(arrays: Arrays, name: &str) -> Result<(Gaussians, Tag), Fault> {
     let opacities = of(opacities, "opacities", &[1.0])?;
     let degree = if coefficients.is_some() { degree.unwrap_or(3.0) } else { 0.0 };
     let degree = (0..=MAX_SH_DEGREE).find(|l| *l as f32 == degree).ok_or_else(|| {
-        Fault::Unsupported(format!("SH degree {degree}; 0 to {MAX_SH_DEGREE} are read, export it with one of these"))
+        Fault::Unsupported(format!("SH degree {degree}; 0 to {MAX_SH_DEGREE} are read; export it with one of these"))
     })?;
     let width = 3 * (degree + 1).pow(2);
     // Cut, rows of more bands would be those of other Gaussians.
@@ -339,6 +385,6 @@ fn gaussians(arrays: Arrays, name: &str) -> Result<(Gaussians, Tag), Fault> {
         sh: (0..=degree).map(band).collect(),
     };
     let mut tag = Tag::default();
-    tag.doubt = doubt;
+    tag.add_first(doubt);
     Ok((gaussians, tag))
 }

@@ -122,6 +122,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     // Cameras alone can be rendered; training then starts from random points.
     let points =
         if points_file.is_file() { read_part(&points_file, binary::points, text::points)? } else { Vec::new() };
+    refuse_repeated(&rows, &points, &source)?;
 
     let root = if root == model { scene_of(model) } else { root.to_owned() };
     let images = photo_folder(&root, options, &rows)?;
@@ -162,6 +163,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
         views.push((row.id, view));
     }
     skipped.notes.extend(roles.note());
+    skipped.notes.extend(split::unread(&root));
     if let Some(Err(error)) = fault.and_then(|id| cameras.remove(&id)) {
         if views.is_empty() {
             return Err(error);
@@ -188,6 +190,21 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
     Ok(Listing { kind, root, source, views, points, skipped, photos, left_out })
 }
 
+/// Refuses images with one id and different names if the track of a point names it.
+fn refuse_repeated(rows: &[ImageRow], points: &[PointRow], source: &Path) -> Result<(), Error> {
+    let (mut names, mut repeated) = (HashMap::<u32, &str>::new(), HashMap::<u32, [&str; 2]>::new());
+    for ImageRow { id, name, .. } in rows {
+        if let Some(other) = names.insert(*id, name).filter(|other| other != name) {
+            repeated.entry(*id).or_insert([name.as_str(), other]);
+        }
+    }
+    let named = points.iter().flat_map(|point| &point.track).find_map(|id| repeated.get_key_value(id));
+    named.map_or(Ok(()), |(id, [name, other])| {
+        let what = format!("has the id of image {other:?}, which points name; give each image its own");
+        Err(Error::malformed(source, format!("image {id} ({name:?})"), what))
+    })
+}
+
 /// The error of an image whose camera is not in the model's file of cameras.
 fn no_camera(row: &ImageRow, source: &Path, cameras: &Path) -> Error {
     let record = format!("image {} ({:?})", row.id, row.name);
@@ -206,18 +223,26 @@ struct Photos<'a> {
     twins: HashSet<String>,
     /// Files that are some image's.
     taken: HashSet<String>,
+    /// Folders of names of which a photo is there, and its format. In others, grey pictures may be photos that are listed in another format.
+    there: HashMap<String, String>,
 }
 
 impl<'a> Photos<'a> {
     fn of(images: &'a Path, rows: &[ImageRow]) -> Self {
-        let twins = names::twins(rows.iter().map(|row| row.name.as_str()));
+        let (lookup, twins) = (Lookup::of(images), names::twins(rows.iter().map(|row| row.name.as_str())));
         let taken = rows.iter().map(|row| row.name.clone()).collect();
-        Self { images, lookup: Lookup::of(images), twins, taken }
+        let found = |name: &str| {
+            let listed = Some(files::find_photo(&[images.join(name)], files::STRICT)).filter(|photo| photo.is_file());
+            listed.or_else(|| lookup.find(name, files::STRICT).map(|found| images.join(found)))
+        };
+        let there = files::folders_there(rows.iter().map(|row| row.name.as_str()), found);
+        Self { images, lookup, twins, taken, there }
     }
 
     /// The name of an image's photo within the folder, and its path, whether it is there or not.
     fn find(&mut self, name: String) -> (String, PathBuf) {
-        let image = files::find_photo(&[self.images.join(&name)]);
+        let known = self.there.get(names::above(&name)).map(String::as_str);
+        let image = files::find_photo(&[self.images.join(&name)], known);
         if image.is_file() {
             return (name, image);
         }
@@ -226,7 +251,7 @@ impl<'a> Photos<'a> {
             names::folder_key(found) == names::folder_key(&names::relative(&name))
                 || !self.twins.contains(&names::key(names::last(&name)))
         };
-        let found = self.lookup.find(&name).filter(|found| own(found) && self.taken.insert(found.clone()));
+        let found = self.lookup.find(&name, known).filter(|found| own(found) && self.taken.insert(found.clone()));
         let name = found.unwrap_or_else(|| names::relative(&name));
         let image = self.images.join(&name);
         (name, image)
@@ -260,9 +285,11 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
         return files::image_folder(root, asked);
     }
     let usual = files::child(root, "images");
-    let first = || rows.iter().take(100);
-    let named = |folder: &Path| first().filter(|row| files::find_photo(&[folder.join(&row.name)]).is_file()).count();
-    if named(&usual) > 0 {
+    let first = || rows.iter().take(files::FIRST);
+    let named = |folder: &Path, known: Option<&str>| {
+        first().filter(|row| files::find_photo(&[folder.join(&row.name)], known).is_file()).count()
+    };
+    if named(&usual, None) > 0 {
         return Ok(usual);
     }
     if usual.is_dir() {
@@ -271,9 +298,9 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     }
     let known = USUAL[1..].iter().map(|name| files::child(root, name));
     let others: Vec<PathBuf> = known.chain([root.to_owned()]).chain(photo_folders(root)).collect();
-    // A folder of renders may hold some of the names; of equal ones the first.
-    let counts = others.iter().map(|folder| (named(folder), folder));
-    if let Some((1.., folder)) = counts.rev().max_by_key(|(count, _)| *count) {
+    // A folder of renders may hold some of the names, and one of maps all; of equal ones the first.
+    let counts = others.iter().map(|folder| ((named(folder, files::STRICT), named(folder, None)), folder));
+    if let Some(((_, 1..), folder)) = counts.rev().max_by_key(|(count, _)| *count) {
         return Ok(folder.clone());
     }
     if usual.is_dir() {
@@ -281,7 +308,7 @@ fn photo_folder(root: &Path, options: &OpenOptions, rows: &[ImageRow]) -> Result
     }
     let meant = |folder: &PathBuf| {
         let lookup = Lookup::of(folder);
-        folder.is_dir() && first().any(|row| lookup.find(&row.name).is_some())
+        folder.is_dir() && first().any(|row| lookup.find(&row.name, None).is_some())
     };
     Ok(others.into_iter().find(meant).unwrap_or(usual))
 }

@@ -17,6 +17,15 @@ const LISTS: [(&str, Role); 4] = [
     ("train_list.txt", Role::Train),
 ];
 
+/// A note on ScanNet++'s lists, which are not read, in the folder of a capture or the one above; none beside lists that are.
+pub(super) fn unread(root: &Path) -> Option<String> {
+    let mut lists = root.ancestors().take(2).map(|folder| folder.join("train_test_lists.json"));
+    let list = lists.find(|list| list.is_file())?;
+    let (list, folder) = (list.display(), root.display());
+    let none = LISTS.iter().all(|(name, _)| !files::child(root, name).is_file());
+    none.then(|| format!("{list} is not read: write its names to train_list.txt and test_list.txt in {folder}"))
+}
+
 /// The roles of a model's photos.
 pub(super) struct Roles {
     /// By the keys of their names.
@@ -47,7 +56,7 @@ impl Roles {
                 lines.map(names::key).partition(|name| known.contains(name));
             let (photos, file) = (counted(named.len(), "photo"), file.display());
             skipped.notes.push(match (named.len(), role) {
-                (0, Role::Train) => format!("{file} names no photo: it does not count"),
+                (0, Role::Train) => format!("{file} names no photo: it is ignored"),
                 (0, _) => format!("{file} names no photo: nothing is held out by it"),
                 (_, Role::Train) => format!("{photos} to use, as {file} says"),
                 (_, Role::Validation) => format!("{photos} for validation, as {file} says"),

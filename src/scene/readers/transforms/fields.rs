@@ -77,6 +77,41 @@ pub(super) struct Whole {
     pub integer_depth_scale: Option<f64>,
     #[serde(deserialize_with = "text")]
     pub ply_file_path: Option<String>,
+    /// True if the camera axes are OpenCV's, as of NeuS2.
+    #[serde(deserialize_with = "or_default")]
+    pub from_na: bool,
+    /// Radius in pixels of the circle around the principal point that photos show, of nerfstudio.
+    pub fisheye_crop_radius: Option<f64>,
+}
+
+impl Whole {
+    /// The fields of a file; an error names the one at fault.
+    pub fn of(json: &Value) -> Result<Self, String> {
+        if json.get("normal_mts_args").is_some_and(|args| !args.is_null()) {
+            let what = "has normal_mts_args, so the camera axes are Mitsuba's, which are not read: multiply the first and \
+                        third column of each transform_matrix by -1, and remove normal_mts_args";
+            return Err(what.to_owned());
+        }
+        fields(json)
+    }
+}
+
+/// Fields of instant-ngp and SpectacularAI on movement during the exposure.
+const MOVEMENT: [&str; 4] =
+    ["rolling_shutter", "rolling_shutter_time", "camera_linear_velocity", "camera_angular_velocity"];
+
+/// A note on fields of a file or its frames that say that the camera moved during the exposure.
+pub(super) fn movement(json: &Value) -> Option<String> {
+    let frames: &[Value] = json.get("frames").and_then(Value::as_array).map_or(&[], Vec::as_slice);
+    let is_told = |name: &&str| frames.iter().chain([json]).any(|of| of.get(*name).is_some_and(is_not_zero));
+    let told: Vec<&str> = MOVEMENT.into_iter().filter(is_told).collect();
+    let fields = told.join(", ");
+    (!told.is_empty()).then(|| format!("not used: {fields}; cameras are taken to stand still during an exposure"))
+}
+
+/// True for a number other than 0, or a list that holds one.
+fn is_not_zero(value: &Value) -> bool {
+    value.as_f64().is_some_and(|v| v != 0.0) || value.as_array().is_some_and(|list| list.iter().any(is_not_zero))
 }
 
 /// The name of a frame's photo.

@@ -41,10 +41,17 @@ pub(super) struct Intrinsics {
     x_fov: Option<f64>,
     y_fov: Option<f64>,
     distortion_params: Option<Vec<f64>>,
+    /// Rows of NeuS2's matrix: focal lengths and principal point.
+    intrinsic_matrix: Value,
 }
 
 /// Below this part of the photo's side, a focal length is not in pixels: lenses that see 170 degrees have one of 0.04 of it.
 const SHARE: f64 = 0.04;
+
+/// Largest offset of a principal point from the middle, as a part of the side, in a photo that is no crop.
+const NEAR_MIDDLE: f64 = 0.1;
+/// Least difference of such offsets that tells which of two sizes is meant.
+const CLEARLY: f64 = 0.05;
 
 /// Models whose parameters have no names in these files.
 const UNNAMED: [LensModel; 6] = [
@@ -65,6 +72,8 @@ impl Intrinsics {
             (found.k1, found.k2, found.k3, found.k4) = (Some(k1), Some(k2), Some(k3), Some(k4));
             (found.p1, found.p2) = (Some(p1), Some(p2));
         }
+        let entry = |(row, column): (usize, usize)| found.intrinsic_matrix.get(row)?.get(column)?.as_f64();
+        let [fx, fy, cx, cy] = [(0, 0), (1, 1), (0, 2), (1, 2)].map(entry);
         // instant-ngp's flags of lenses.
         let flags = [
             (found.equirectangular == Some(true), "EQUIRECTANGULAR"),
@@ -76,8 +85,10 @@ impl Intrinsics {
             camera_model: flagged.or(found.camera_model),
             camera_angle_x: found.camera_angle_x.or(found.x_fov.map(f64::to_radians)),
             camera_angle_y: found.camera_angle_y.or(found.y_fov.map(f64::to_radians)),
-            fl_x: found.fl_x.or(found.fx),
-            fl_y: found.fl_y.or(found.fy),
+            fl_x: found.fl_x.or(found.fx).or(fx),
+            fl_y: found.fl_y.or(found.fy).or(fy),
+            cx: found.cx.or(cx),
+            cy: found.cy.or(cy),
             w: found.w.or(found.width),
             h: found.h.or(found.height),
             ..found
@@ -117,6 +128,32 @@ impl Intrinsics {
     pub fn size(&self) -> Option<(u32, u32)> {
         let whole = |x: f64| x.round() as u32; // saturates; NaN gives 0
         Some((whole(self.w?), whole(self.h?)))
+    }
+
+    /// Width and height for which a frame's own values, with those of the file where it gives none, hold: as given, else those of its
+    /// photo. If the frame gives cx and cy, but the file the size, and the photo has another, the size of the two to whose middle they
+    /// are nearer. The fault is a sentence.
+    pub fn size_of_frame(
+        &self,
+        common: &Self,
+        photo: impl FnOnce() -> Option<(u32, u32)>,
+    ) -> Result<Option<(u32, u32)>, String> {
+        let Some(size) = self.over(common).size() else { return Ok(photo()) };
+        let (None, None, Some(cx), Some(cy)) = (self.w, self.h, self.cx, self.cy) else { return Ok(Some(size)) };
+        let differs = |(w, h): &(u32, u32)| {
+            [(*w, size.0), (*h, size.1)].into_iter().any(|(a, b)| f64::from(a.abs_diff(b)) > super::ROUNDED)
+        };
+        let Some(photo) = photo().filter(differs) else { return Ok(Some(size)) };
+        let off = |(w, h): (u32, u32)| (cx / f64::from(w) - 0.5).abs().max((cy / f64::from(h) - 0.5).abs());
+        let (nearer, other) = if off(photo) < off(size) { (photo, size) } else { (size, photo) };
+        if off(nearer) <= NEAR_MIDDLE || off(other) > off(nearer) + CLEARLY {
+            return Ok(Some(nearer));
+        }
+        let [(w, h), (wide, high)] = [photo, size];
+        Err(format!(
+            "gives cx {cx} and cy {cy}, but neither w nor h: its photo is {w} x {h}, and the file says {wide} x {high}; give the \
+             frame the w and h for which its numbers hold"
+        ))
     }
 
     /// The side that it gives without the other, with its name.

@@ -9,7 +9,6 @@ mod intrinsics;
 
 use std::collections::{HashMap, HashSet};
 use std::ffi::OsStr;
-use std::iter;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -17,26 +16,37 @@ use serde_json::Value;
 use super::files::Folders;
 use super::lookup::Lookup;
 use super::masks::Masks;
-use super::names::tidy;
+use super::names::{above, tidy};
 use super::notes::no_lens;
 use super::repeated::no_split;
 use super::tree::reduction;
-use super::{Listing, clouds, files, point_ply, pose};
+use super::{Listing, clouds, colmap, files, point_ply, pose};
 use crate::scene::lens::Lens;
 use crate::scene::view::{Role, View};
 use crate::scene::{Error, Names, OpenOptions, SceneKind, Skipped};
 use crate::wording::counted;
-use fields::{Frame, Whole, fields, name_of, without_nan};
+use fields::{Frame, Whole, fields, movement, name_of, without_nan};
 use intrinsics::Intrinsics;
 
 /// Difference of a side from that of eight times its smaller copy.
 const ROUNDED: f64 = 8.0;
+/// The folder of photos that frames name, and those of smaller copies that may stand for it, the largest first.
+const COPIES: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 
 /// Gathers frames of one or three files.
 #[derive(Default)]
 struct Reader {
     root: PathBuf,
     images: Option<PathBuf>,
+    /// The first of `COPIES` that holds a photo of the frames.
+    folder: Option<&'static str>,
+    /// Folders of names of which a photo is there, and its format. In others, grey pictures may be photos that are listed in another format; none while
+    /// that is decided.
+    there: Option<HashMap<String, String>>,
+    /// True for a file whose camera axes are OpenCV's.
+    has_opencv_axes: bool,
+    /// Radius in pixels of the circle that the file's photos show.
+    crop_radius: Option<f64>,
     views: Vec<View>,
     skipped: Skipped,
     /// The first size found, for views without a size of their own.
@@ -63,7 +73,9 @@ struct Reader {
 /// looked for in all of `outer`.
 pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions) -> Result<Listing, Error> {
     let images = options.images.as_ref().map(|asked| files::image_folder(root, asked)).transpose()?;
-    let mut reader = Reader { root: root.to_owned(), images, lookup: Lookup::of(outer), ..Reader::default() };
+    let lookup = Lookup::of(outer);
+    let there = Some(HashMap::new());
+    let mut reader = Reader { root: root.to_owned(), images, lookup, there, ..Reader::default() };
     let mut points = Vec::new();
     let sisters = [
         ("transforms_train.json", Role::Train),
@@ -111,6 +123,14 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     }
     if points.is_empty() {
         points = clouds::beside(&[root], &mut skipped);
+        let sparse = files::child(root, "colmap/sparse");
+        if points.is_empty()
+            && let Some((model, _)) = colmap::largest(&sparse, colmap::models(&sparse))
+        {
+            skipped
+                .notes
+                .push(format!("no points: to use those of {} and its poses, give it instead", model.display()));
+        }
     }
     find_masks(root, images.as_deref(), &mut views, &mut skipped);
     let photos = images.is_none().then(|| folder_of(root, &views)).flatten();
@@ -130,7 +150,12 @@ impl Reader {
         };
         let top = |what: String| Error::malformed(path, "the top level", what);
         let common = Intrinsics::of(&json).map_err(top)?;
-        let whole: Whole = fields(&json).map_err(top)?;
+        let whole = Whole::of(&json).map_err(top)?;
+        self.has_opencv_axes = whole.from_na;
+        self.crop_radius = whole.fisheye_crop_radius.filter(|radius| *radius > 0.0);
+        self.choose_folder(frames.iter().chain(&whole.test_frames));
+        let moved = movement(&json).filter(|note| !self.skipped.notes.contains(note));
+        self.skipped.notes.extend(moved);
         let mut roles: HashMap<String, Role> = HashMap::new();
         let mut doubtful = HashSet::new();
         for (names, role) in [
@@ -210,13 +235,14 @@ impl Reader {
             return Err(wrong(&record, "needs a file_path and a transform_matrix of 4 x 4 numbers".to_owned()));
         };
         pose::divide(&mut rows).map_err(|what| wrong(&record, what))?;
+        if self.has_opencv_axes {
+            pose::opencv_to_opengl(&mut rows);
+        }
         let usual = self.usual(&name);
         let intrinsics = own.over(common);
         self.called_fisheye += usize::from(intrinsics.contradicts_itself());
-        let size = match intrinsics.size() {
-            Some(size) => Some(size),
-            None => files::photo_size(&usual).map(|size| self.whole_size(&name, &usual, size)),
-        };
+        let photo = || files::photo_size(&usual).map(|size| self.whole_size(&name, &usual, size));
+        let size = own.size_of_frame(common, photo).map_err(|what| wrong(&record, what))?;
         if let (Some((side, length)), Some((w, h))) = (intrinsics.lone_side(), size)
             && (length - f64::from(if side == "w" { w } else { h })).abs() > ROUNDED
         {
@@ -227,7 +253,7 @@ impl Reader {
         // Blender's files give no size; a frame whose photo is absent has the size of the others.
         self.usual_size = self.usual_size.or(size).or_else(|| self.first_size(all));
         let Some((width, height)) = size.or(self.usual_size) else {
-            let what = format!("gives no w and h, and {} is not there to tell; add them", usual.display());
+            let what = format!("gives neither w nor h, and {} does not exist; add them", usual.display());
             return Err(wrong(&record, what));
         };
         let model = intrinsics.model().map_err(|what| wrong(&record, what))?;
@@ -253,19 +279,42 @@ impl Reader {
         let depth = listed(&mut self.folders, &self.root, depth.as_deref(), &mut self.skipped.missing_depths);
         let role = roles.get(&name).copied().unwrap_or(role);
         let image = self.photo(&name, usual);
-        self.views.push(View { image, mask, depth, camera_id, role, ..View::new(name, lens, pose) });
+        let circle = self.crop_radius.map(|radius| radius / f64::from(lens.width));
+        self.views.push(View { image, mask, circle, depth, camera_id, role, ..View::new(name, lens, pose) });
         Ok(())
     }
 
-    /// The photo of a frame as listed, in a folder of smaller copies, or the one that must be meant.
+    /// Decides, unless that was done, which folder stands for images/, the first of `COPIES` that holds one of these frames, and where
+    /// grey pictures may be photos.
+    fn choose_folder<'a>(&mut self, frames: impl Iterator<Item = &'a Value>) {
+        let names: Vec<String> = frames.filter_map(name_of).collect();
+        let of_images = || names.iter().filter(|name| name.starts_with("images/"));
+        let holds = |folder: &&str| of_images().any(|name| self.placed(name, folder).is_file());
+        self.folder = self.folder.or_else(|| COPIES.into_iter().find(holds));
+        let mut there = self.there.take().unwrap_or_default();
+        let found = |name: &str| Some(self.photo(name, self.usual(name))).filter(|photo| photo.is_file());
+        there.extend(files::folders_there(names.iter().map(String::as_str), found));
+        self.there = Some(there);
+    }
+
+    /// The format of the photos that are there in the folder of a frame's.
+    fn known(&self, name: &str) -> Option<&str> {
+        self.there.as_ref().map_or(files::STRICT, |there| there.get(above(name)).map(String::as_str))
+    }
+
+    /// The photo of a frame as listed, with this folder in place of images/.
+    fn placed(&self, name: &str, folder: &str) -> PathBuf {
+        let inner = name.strip_prefix("images/").map(|inner| self.root.join(folder).join(inner));
+        files::find_photo(&[inner.unwrap_or_else(|| self.root.join(name))], self.known(name))
+    }
+
+    /// The photo of a frame as listed, in the capture's folder of smaller copies, or the one that must be meant.
     fn usual(&self, name: &str) -> PathBuf {
-        let smaller = |folder: &str| name.strip_prefix("images/").map(|inner| self.root.join(folder).join(inner));
-        let copies = ["images_2", "images_4", "images_8"].into_iter().filter_map(smaller);
-        let listed = files::find_photo(&iter::once(self.root.join(name)).chain(copies).collect::<Vec<_>>());
+        let listed = self.placed(name, self.folder.unwrap_or("images"));
         if listed.is_file() {
             return listed;
         }
-        self.lookup.find(name).map_or(listed, |found| self.lookup.folder().join(found))
+        self.lookup.find(name, self.known(name)).map_or(listed, |found| self.lookup.folder().join(found))
     }
 
     /// The size of a frame's photo, of which a smaller copy of this size was found.
@@ -286,7 +335,7 @@ impl Reader {
         let Some(folder) = &self.images else { return usual };
         let inner = name.split_once('/').map_or(name, |(_, rest)| rest);
         let last = name.rsplit('/').next().unwrap_or(name);
-        files::find_photo(&[inner, name, last].map(|n| folder.join(n)))
+        files::find_photo(&[inner, name, last].map(|n| folder.join(n)), self.known(name))
     }
 
     /// The number of the physical camera: equal lenses share one.
