@@ -88,8 +88,8 @@ impl<T: Trials> Search<'_, T> {
                 self.scored(self.last(), (self.whole / parts).max(1))?;
             }
         }
-        let nearest = |point: &Point| (point.psnr.map_or(i64::MIN, |psnr| (1e6 * psnr) as i64), point.gaussians);
-        let most = self.tried().into_iter().max_by_key(nearest);
+        let merit = |point: &Point| (point.psnr.map_or(i64::MIN, |psnr| (1e6 * psnr) as i64), point.gaussians);
+        let most = self.tried().into_iter().max_by_key(merit);
         self.smallest(wanted).or(most).map_or_else(|| self.scored(self.last(), self.whole), Ok)
     }
 

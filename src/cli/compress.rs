@@ -105,7 +105,7 @@ impl Arguments {
         }
         let aim = self.options.aim()?;
         let reading = Instant::now();
-        let (loaded, style) = self.options.read(&self.model, console)?;
+        let (loaded, beside) = self.options.read(&self.model, console)?;
         let read_s = reading.elapsed().as_secs_f64();
         let device = global.open_with(self.memory_budget)?;
         let input = Input { path: &self.model, model: loaded.gaussians, read_s };
@@ -113,7 +113,7 @@ impl Arguments {
         let mut watcher = Show::new(console);
         watcher.record(self.diagnostics.as_deref().map(Recorder::of_file));
         let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
-        let config = self.options.configuration(&self.model, style, self.fine_tune, console)?;
+        let config = self.options.configuration(&beside, self.fine_tune, console)?;
         let precision = self.sh_bits.map(Precision::Spz);
         let target = Target { precision, origin: loaded.origin, ..Target::new(&self.output) };
         let subject = || view::of_compression(&config, &input.model, &self.output, console);
@@ -139,12 +139,12 @@ impl Arguments {
         let output = Output::claim(&self.output)?;
         check_file(&output.folder().join("curve.json"))?;
         let peer = Peer::find(&self.peer, output.folder());
-        let (loaded, style) = self.options.read(&self.model, console)?;
+        let (loaded, beside) = self.options.read(&self.model, console)?;
         let networks = Networks::find(self.lpips_weights.as_deref())?;
         let device = global.open_with(self.memory_budget)?;
         let watcher = Show::new(console);
         let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
-        let config = self.options.configuration(&self.model, style, 0, console)?;
+        let config = self.options.configuration(&beside, 0, console)?;
         let input = Input { path: &self.model, model: loaded.gaussians, read_s: 0.0 };
         let plan = CurvePlan { formats, peer: peer.as_ref() };
         let record = curve(&session, input, &config, &plan)?;

@@ -3,16 +3,15 @@
 use super::choices::Choices;
 use super::console::Console;
 use super::inspect::read_model;
-use super::style;
+use super::style::{self, Beside};
 use super::values::{self, Size};
 use crate::gaussians::formats::Loaded;
 use crate::job::config::PruneRule;
 use crate::job::records::Aim;
-use crate::job::{Error, Selection, earlier};
+use crate::job::{Error, Selection};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
 use crate::pipeline::place::place_read;
 use crate::pipeline::virtual_views::VirtualCameras;
-use crate::render::Style;
 use crate::scene::EVAL_EVERY;
 use crate::scene::orbit::UP;
 use glam::DVec3;
@@ -83,19 +82,19 @@ enum Preset {
 
 impl CompressArgs {
     /// Reads the model, counts its means from the origin of its scene, if it has one, and decides how the model is drawn.
-    pub fn read(&self, model: &Path, console: &Console) -> Result<(Loaded, Style), Error> {
+    pub fn read(&self, model: &Path, console: &Console) -> Result<(Loaded, Beside), Error> {
         let mut loaded = read_model(model, console)?;
         if let Some(scene) = &self.scene
             && let Some(doubt) = place_read(&mut loaded, scene, self.images.as_deref())?
         {
             console.warn(format_args!("{} {doubt}", model.display()));
         }
-        let style = self.rendering.style_beside(model, &loaded, console);
+        let beside = self.rendering.beside(model, &loaded, console);
         let rule = self.rule(0)?;
         if let Some(note) = rule.detail_note(rule.keep, loaded.gaussians.len()) {
             console.note(note);
         }
-        Ok((loaded, style))
+        Ok((loaded, beside))
     }
 
     /// The aim for the file, if there is one.
@@ -141,14 +140,8 @@ impl CompressArgs {
         })
     }
 
-    /// The configuration of a compression of the model in `path` in this style, with `fine_tune` iterations of training afterwards.
-    pub fn configuration(
-        &self,
-        path: &Path,
-        style: Style,
-        fine_tune: u32,
-        console: &Console,
-    ) -> Result<CompressConfig, Error> {
+    /// The configuration of a compression of a model by what lies `beside` it, with `fine_tune` iterations of training afterwards.
+    pub fn configuration(&self, beside: &Beside, fine_tune: u32, console: &Console) -> Result<CompressConfig, Error> {
         let pictures = self.pictures()?;
         let default = VirtualCameras::default();
         let views = match &self.scene {
@@ -157,7 +150,7 @@ impl CompressArgs {
                 resolution: self.resolution.clone(),
                 pole_mask: self.pole_mask,
                 eval_every: self.eval_every.unwrap_or(EVAL_EVERY),
-                background: self.background.or_else(|| background_beside(path)),
+                background: self.background.or_else(|| beside.background()),
                 ..Selection::of(scene.clone())
             }),
             None => ViewSource::OwnPictures {
@@ -169,22 +162,8 @@ impl CompressArgs {
                 background: self.background.unwrap_or([0.0; 3]),
             },
         };
-        let exposure = self.scene.is_some() && self.exposure.unwrap_or_else(|| exposure_of_run(path, console));
+        let exposure = self.scene.is_some() && self.exposure.unwrap_or_else(|| beside.exposure(console));
+        let style = beside.style;
         Ok(CompressConfig { compression: self.rule(fine_tune)?, views, style, exposure, fine_tune, seed: self.seed })
     }
-}
-
-/// The background in the config.toml beside a model, if that names one.
-pub(super) fn background_beside(model: &Path) -> Option<[f32; 3]> {
-    earlier::of_model(model).ok().flatten()?.background
-}
-
-/// True if the run in whose folder the model lies has learnt an exposure of each photo; a note says so.
-pub(super) fn exposure_of_run(model: &Path, console: &Console) -> bool {
-    // The decision on the style has told of a file that cannot be read.
-    let learnt = earlier::of_model(model).ok().flatten().is_some_and(|run| run.exposure);
-    if learnt {
-        console.note("an exposure is fitted to each photo, as config.toml beside the model says");
-    }
-    learnt
 }

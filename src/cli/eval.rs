@@ -1,6 +1,5 @@
 //! `qirf-vk eval MODEL SCENE`, `qirf-vk eval MODEL --against MODEL`.
 
-use super::compression::{background_beside, exposure_of_run};
 use super::console::Console;
 use super::inspect::read_model;
 use super::scratch::Scratch;
@@ -148,13 +147,14 @@ impl Arguments {
 
     fn evaluation(&self, model: &Loaded, console: &Console) -> Result<Evaluation, Error> {
         let file = self.config.as_deref().map(RunConfig::read).transpose()?;
-        let style = match &file {
-            Some(config) => self.rendering.style(&self.model, model, Some(config.style), console),
-            None => self.rendering.style_beside(&self.model, model, console),
+        let (style, exposure, base) = if let Some(config) = file {
+            let style = self.rendering.style(&self.model, model, Some(config.style), console);
+            (style, self.exposure.unwrap_or(config.exposure), config.selection())
+        } else {
+            let beside = self.rendering.beside(&self.model, model, console);
+            let exposure = self.exposure.unwrap_or_else(|| beside.exposure(console));
+            (beside.style, exposure, Selection { background: beside.background(), ..Selection::of(PathBuf::new()) })
         };
-        let of_run = || file.as_ref().map_or_else(|| exposure_of_run(&self.model, console), |config| config.exposure);
-        let exposure = self.exposure.unwrap_or_else(of_run);
-        let base = file.map_or_else(|| Selection::of(PathBuf::new()), |c| c.selection());
         let selection = Selection {
             // The configuration's photo folder does not apply to a scene given as an argument.
             images: self.images.clone().or(base.images.filter(|_| self.scene.is_none())),
@@ -163,7 +163,7 @@ impl Arguments {
             depth: None,
             pole_mask: self.pole_mask.unwrap_or(base.pole_mask),
             eval_every: self.eval_every.unwrap_or(base.eval_every),
-            background: self.background.or(base.background).or_else(|| background_beside(&self.model)),
+            background: self.background.or(base.background),
             ..base
         };
         Ok(Evaluation { selection, style, exposure })

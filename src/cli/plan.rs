@@ -130,12 +130,12 @@ impl OfModel {
     }
 
     fn job(&self, session: &Session<'_>, console: &Console) -> Result<Job, Error> {
-        let (loaded, style) = self.options.read(&self.model, console)?;
+        let (loaded, beside) = self.options.read(&self.model, console)?;
         if self.options.aim()?.is_some() {
             let what = "--size of a file and --psnr are for `qirf-vk compress`; a plan has --keep or --target-count";
             return Err(Error::Usage(what.to_owned()));
         }
-        let config = self.options.configuration(&self.model, style, 0, console)?;
+        let config = self.options.configuration(&beside, 0, console)?;
         let job = CompressPlan::plan(session, &self.model, &loaded.gaussians, loaded.origin, config)?;
         Ok(Job::Compression(Box::new(job)))
     }

@@ -129,7 +129,7 @@ impl Arguments {
         {
             console.warn(format_args!("{} {doubt}", self.model.display()));
         }
-        let settings = self.rendering.style_beside(&self.model, &loaded, console).over(self.background);
+        let settings = self.rendering.beside(&self.model, &loaded, console).style.over(self.background);
         let (model, origin) = (loaded.gaussians, loaded.origin);
         let mut config =
             RenderConfig { settings, format: self.format()?, transparent: self.transparent, depth: self.depth };

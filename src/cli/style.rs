@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::values;
 use crate::gaussians::formats::{Loaded, RenderMode};
-use crate::job::earlier;
+use crate::job::{RunConfig, earlier};
 use crate::render::Style;
 use clap::Args;
 use std::path::Path;
@@ -67,18 +67,15 @@ impl Rendering {
         chosen
     }
 
-    /// As [`Self::style`], with the style of the run in whose folder the model lies, if that is a run's; a note says what is the
-    /// run's.
-    pub fn style_beside(&self, path: &Path, model: &Loaded, console: &Console) -> Style {
-        let run = match earlier::of_model(path) {
-            // The file's own tag says whether it is anti-aliased: the model may have been edited.
-            Ok(run) => run.map(|run| Style { antialias: false, ..run.style }),
-            Err(error) => {
-                console.warn(format_args!("{error}; the style of rendering and exposures are not taken from it"));
-                None
-            }
-        };
-        let given = run.unwrap_or_default();
+    /// As [`Self::style`], with the style of the config.toml beside the model, such as that of its run; a note says what is taken from it.
+    pub fn beside(&self, path: &Path, model: &Loaded, console: &Console) -> Beside {
+        let run = earlier::of_model(path).unwrap_or_else(|error| {
+            console.warn(format_args!("{error}; the style of rendering and exposures are not taken from it"));
+            None
+        });
+        // The file's own tag says whether it is anti-aliased: the model may have been edited.
+        let style = run.as_ref().map(|run| Style { antialias: false, ..run.style });
+        let given = style.unwrap_or_default();
         let mut taken = Vec::new();
         if let Some(dilation) = given.dilation.filter(|_| self.dilation.is_none()) {
             taken.push(format!("--dilation {dilation}"));
@@ -89,6 +86,28 @@ impl Rendering {
         if !taken.is_empty() {
             console.note(format_args!("drawn with {}, as config.toml beside the model says", taken.join(" ")));
         }
-        self.style(path, model, run, console)
+        Beside { style: self.style(path, model, style, console), run }
+    }
+}
+
+/// The style of a model, and the configuration beside it.
+pub(super) struct Beside {
+    pub style: Style,
+    run: Option<RunConfig>,
+}
+
+impl Beside {
+    /// The background that the configuration names.
+    pub fn background(&self) -> Option<[f32; 3]> {
+        self.run.as_ref()?.background
+    }
+
+    /// True if its run has learnt an exposure of each photo; a note says so.
+    pub fn exposure(&self, console: &Console) -> bool {
+        let learnt = self.run.as_ref().is_some_and(|run| run.exposure);
+        if learnt {
+            console.note("an exposure is fitted to each photo, as config.toml beside the model says");
+        }
+        learnt
     }
 }

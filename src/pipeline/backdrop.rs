@@ -13,8 +13,8 @@ const SHARE: f64 = 0.9;
 /// How far a channel may be from the colour, of 255; a colour as near to black is black.
 const ALIKE: u8 = 3;
 
-/// The colour, red, green and blue in 0..1, that nearly all pixels at the edges of photos have, and their share; hidden ones have none. None for black, for
-/// photos with alpha, and where edges differ.
+/// The colour, red, green and blue in 0..1, that nearly all pixels at the edges of photos have, and their share; hidden pixels have none.
+/// None for black, for photos with alpha, and where edges differ.
 ///
 /// # Errors
 /// Photos in a file that cannot be read.

@@ -53,23 +53,22 @@ impl<'a> Judge<'a> {
             photos.into_iter().filter_map(counting).collect()
         };
         let mut photos = shown(views.test.iter().filter(|_| held_out).map(|(_, view)| view.clone()).collect())?;
-        if !photos.is_empty() {
-            leave_out_equal(session, views, original, &mut photos)?;
-            return Ok(Self { session, views, photos });
+        let are_held_out = !photos.is_empty();
+        if !are_held_out {
+            photos = shown(evenly(&views.train, JUDGES).cloned().collect())?;
         }
-        photos = shown(evenly(&views.train, JUDGES).cloned().collect())?;
         if photos.is_empty() {
             photos = evenly(&shown(views.train.clone())?, JUDGES).cloned().collect();
         }
-        if views.truth == Truth::OwnPictures {
+        if views.truth == Truth::Photos {
+            leave_out_equal(session, views, original, &mut photos)?;
+        } else if !are_held_out {
             let size = camera::largest(photos.iter().map(|view| &view.camera));
             let mut painter = Painter::of(session.device, views.settings, original, size)?;
             for view in &mut photos {
                 view.pixels = photo(&painter.render(original, &view.camera)?);
                 session.watcher.unless_stopped()?;
             }
-        } else {
-            leave_out_equal(session, views, original, &mut photos)?;
         }
         Ok(Self { session, views, photos })
     }
