@@ -12,7 +12,6 @@ pub fn evenly<T>(all: &[T], most: usize) -> StepBy<Iter<'_, T>> {
 }
 
 /// At most `most` of the items, at even steps over all of them.
-#[cfg(feature = "pipeline")]
 pub fn spread<T: Clone>(all: &[T], most: usize) -> Vec<T> {
     let count = all.len().min(most);
     (0..count).map(|k| all[k * all.len() / count].clone()).collect()

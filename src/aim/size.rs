@@ -1,5 +1,6 @@
 //! The best file of at most a size.
 
+use super::psnr::SMALL;
 use super::{ON_A_RUNG, Search, Trials};
 use crate::job::records::Point;
 
@@ -50,7 +51,7 @@ impl<T: Trials> Search<'_, T> {
                 missed = true;
                 continue;
             };
-            best = Some(point);
+            best = Some(self.filled_above(point, size)?);
             if point.rung == self.last() || self.left() < 2 {
                 break;
             }
@@ -79,6 +80,17 @@ impl<T: Trials> Search<'_, T> {
             // One Gaussian at the coarsest rung is small enough.
             None => self.scored(0, 1),
         }
+    }
+
+    /// Where files of few Gaussians grow by leaps, the whole model may fit and leave much of the size free: fewer Gaussians one rung above may
+    /// fill it.
+    fn filled_above(&mut self, whole: Point, size: u64) -> Result<Point, T::Error> {
+        if self.whole > SMALL || whole.gaussians < self.whole || is_full(&whole, size) {
+            return Ok(whole);
+        }
+        let Some((rung, gaussians)) = self.above(whole.rung, size)? else { return Ok(whole) };
+        let point = self.scored(rung, gaussians)?;
+        Ok(if is_better(&point, &whole, size) { point } else { whole })
     }
 
     /// Tries rungs between those tried, and the whole model where it just fits, as far as attempts are left.

@@ -74,6 +74,17 @@ fn sizes_are_met_with_the_best_rung_in_nine_encodes() {
     }
 }
 
+/// Between two rungs, files of few Gaussians may grow by a fifth: then fewer at the upper one fill the size.
+#[test]
+fn few_gaussians_fill_a_size_above_a_leap() {
+    let steps: Vec<usize> = (0..=48).step_by(8).collect();
+    let size = |rung, n| (300.0 + n as f64 * (60.0 + rung as f64 + if rung > 44 { 30.0 } else { 0.0 })) as u64;
+    let quality = |rung, n| 10.0 + 0.3 * rung as f64 + 0.2 * n as f64 + if rung > 44 { 3.0 } else { 0.0 };
+    let mut trials = Files { size, quality, encodes: 0 };
+    let (best, tried) = found(&mut trials, 37, &steps, Aim::Bytes(5000));
+    assert!(trials.encodes <= MOST && best.rung > 44 && (4750..=5000).contains(&best.bytes), "{best:?}: {tried:?}");
+}
+
 #[test]
 fn a_given_number_fills_a_size_by_settings_and_fewer_only_where_it_must() {
     let all: Vec<usize> = (0..=48).collect();

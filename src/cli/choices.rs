@@ -2,8 +2,8 @@
 //! values.
 
 use super::values;
-use crate::job::Error;
-use crate::job::config::PruneRule;
+use crate::job::config::{PruneRule, ranges};
+use crate::job::{Error, RunConfig};
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::Selector;
@@ -62,10 +62,20 @@ impl Choices {
         self.keep.is_some() || self.target_count.is_some()
     }
 
+    /// The first of these options that is given.
+    pub fn given(&self) -> Option<&'static str> {
+        let others = [
+            ("--keep", self.keep.is_some()),
+            ("--target-count", self.target_count.is_some()),
+            ("--selector", self.selector.is_some()),
+        ];
+        first(others).or_else(|| self.of_rankings())
+    }
+
     /// The preset with the given options in place of its own.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that the selector does not read.
+    /// [`Error::Usage`] for options that the selector does not read, and for overlaps that the solver does not.
     pub fn over(&self, mut preset: PruneRule) -> Result<PruneRule, Error> {
         fn set<T: Copy>(to: &mut T, given: Option<T>) {
             *to = given.unwrap_or(*to);
@@ -81,18 +91,19 @@ impl Choices {
         set(&mut preset.basis.dilate, self.dilate);
         set(&mut preset.basis.solver, self.solver);
         set(&mut preset.basis.epsilon, self.epsilon);
-        let unread = self.of_rankings().filter(|_| preset.selector == Selector::Pairs);
-        unread.map_or(Ok(preset), |option| {
-            Err(Error::Usage(format!(
+        if let Some(option) = self.of_rankings().filter(|_| preset.selector == Selector::Pairs) {
+            return Err(Error::Usage(format!(
                 "the selector pairs merges over the whole model and does not read {option}; choose another selector, such as \
                  --selector css"
-            )))
-        })
+            )));
+        }
+        ranges::overlap(&preset.basis).map_err(refused)?;
+        Ok(preset)
     }
 
     /// An option that was given and that only selectors read which rank.
     fn of_rankings(&self) -> Option<&'static str> {
-        let given = [
+        first([
             ("--budget", self.budget.is_some()),
             ("--detail", self.detail.is_some()),
             ("--merge", self.merge.is_some()),
@@ -101,7 +112,37 @@ impl Choices {
             ("--dilate", self.dilate.is_some()),
             ("--solver", self.solver.is_some()),
             ("--epsilon", self.epsilon.is_some()),
-        ];
-        given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+        ])
     }
+}
+
+/// The first option that is marked as given.
+pub(super) fn first<const N: usize>(options: [(&'static str, bool); N]) -> Option<&'static str> {
+    options.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
+}
+
+/// Fields of `config.toml` that the parsers of options do not check, or not entirely, each with its option.
+const OPTIONS: [(&str, &str); 7] = [
+    ("init_count", "--init-count"),
+    ("prune.compression.keep.share", "--keep"),
+    ("prune.compression.keep.count", "--target-count"),
+    ("prune.compression.basis.partition.paper.voxel", "--partition"),
+    ("prune.compression.basis.dilate", "--dilate"),
+    ("prune.compression.basis.epsilon", "--epsilon"),
+    ("prune.compression.basis.overlap = \"raw\"", "--overlap raw with --solver device"),
+];
+
+/// The error of a field's check in the words of the command line.
+fn refused(fault: String) -> Error {
+    let told = OPTIONS.iter().find_map(|(field, option)| Some(format!("{option}{}", fault.strip_prefix(*field)?)));
+    Error::Usage(told.unwrap_or(fault))
+}
+
+/// The configuration, if it would be accepted in a `config.toml`: what is trained with it can be read again.
+///
+/// # Errors
+/// [`Error::Usage`] with the option, or the field, that is out of its range.
+pub(super) fn checked(config: RunConfig) -> Result<RunConfig, Error> {
+    ranges::check(&config).map_err(refused)?;
+    Ok(config)
 }

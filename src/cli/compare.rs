@@ -1,6 +1,6 @@
 //! `qirf-vk compare SCENE`.
 
-use super::choices::Choices;
+use super::choices::{Choices, checked};
 use super::console::Console;
 use super::resources::Resources;
 use super::show::Show;
@@ -89,8 +89,10 @@ impl Arguments {
             _ => PruneRule::default().keep,
         };
         let compression = PruneRule { keep, ..PruneRule::default() };
-        let config =
-            self.training.configuration(self.scene.clone(), console)?.pruned(Pruning { compression, ..pruning });
+        let config = self.training.configuration(self.scene.clone(), console)?;
+        // Arms prune by the options.
+        checked(config.clone().pruned(pruning.clone()))?;
+        let config = config.pruned(Pruning { compression, ..pruning });
         check_folder(&self.output)?;
         let _claimed = Output::claim(&self.output)?;
         self.check_earlier(&config)?;
@@ -130,12 +132,12 @@ impl Arguments {
         // Names of arms may be long.
         let width = compared.arms.iter().map(|a| a.name.len()).max().unwrap_or(0).max("arm".len());
         console.print(format_args!(
-            "{:<width$} {:>8} {:>6} {:>13} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
-            "arm", "PSNR/dB", "+-", "minus first", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
+            "{:<width$} {:>8} {:>9} {:>18} {:>8} {:>8} {:>10} {:>8} {:>8} {:>8} {:>8}",
+            "arm", "PSNR/dB", "deviation", "difference", "SSIM", "LPIPS", "Gaussians", "removed", "MB", "FPS", "s"
         ))?;
         for arm in &compared.arms {
             console.print(format_args!(
-                "{:<width$} {:>8} {:>6} {:>13} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
+                "{:<width$} {:>8} {:>9} {:>18} {:>8} {:>8} {:>10} {:>7.1}% {:>8.2} {:>8} {:>8.1}",
                 arm.name,
                 number(arm.psnr, 3),
                 number(arm.psnr_spread, 2),
@@ -148,6 +150,12 @@ impl Arguments {
                 number(arm.fps, 1),
                 arm.seconds,
             ))?;
+        }
+        if let Some(first) = compared.arms.first().filter(|_| compared.arms.iter().any(|arm| arm.paired.is_some())) {
+            console.note(format_args!(
+                "difference: PSNR minus that of {} in dB, ± its standard error; (tie): too small to tell the arms apart",
+                first.name
+            ));
         }
         console.print(format_args!("report {}", self.output.join("compare.html").display()))
     }

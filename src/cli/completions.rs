@@ -2,6 +2,7 @@
 
 use super::console::Console;
 use crate::job::Error;
+use clap_complete::Shell;
 
 const EXAMPLES: &str = r"Examples:
   mkdir -p ~/.local/share/bash-completion/completions
@@ -20,13 +21,19 @@ For PowerShell, $PROFILE needs: . C:\path\to\qirf-vk.ps1";
 #[command(after_help = EXAMPLES)]
 pub(super) struct Arguments {
     /// The shell
-    shell: clap_complete::Shell,
+    shell: Shell,
 }
 
 impl Arguments {
     pub fn run(&self, console: &Console) -> Result<(), Error> {
         let mut text = Vec::new();
         clap_complete::generate(self.shell, &mut super::command(), "qirf-vk", &mut text);
-        console.print(String::from_utf8_lossy(&text).trim_end())
+        let mut text = String::from_utf8_lossy(&text).into_owned();
+        if self.shell == Shell::Bash {
+            // For the hyphen of the program's name, clap_complete 4.6 writes __ where the script sets `cmd`, but __subcmd__ where
+            // it compares it: only the first word would be completed. The replacement can go when both places have the same.
+            text = text.replace("qirf__subcmd__vk", "qirf__vk");
+        }
+        console.print(text.trim_end())
     }
 }

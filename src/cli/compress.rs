@@ -149,7 +149,7 @@ impl Arguments {
         let plan = CurvePlan { formats, peer: peer.as_ref() };
         let record = curve(&session, input, &config, &plan)?;
         if peer.is_none() && self.peer != "none" {
-            console.note(format_args!("the curve has no files of {}, which cannot be started", self.peer));
+            console.note(format_args!("{} could not be started, so the curve has no files from it", self.peer));
         }
         for format in formats {
             let files = record.files.iter().filter(|file| file.wanted.is_some() && file.format == *format).count();

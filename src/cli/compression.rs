@@ -63,7 +63,8 @@ pub(super) struct CompressArgs {
     exposure: Option<bool>,
     #[command(flatten)]
     rendering: style::Rendering,
-    /// Colour behind the Gaussians [default: white for photos with alpha, the colour of nearly all pixels at the photos' edges, or black]
+    /// Colour behind the Gaussians [default: with --scene, that in the model's config.toml, else white for photos with alpha, else the colour that
+    /// nearly all pixels at the photos' edges share; else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Rendering")]
     background: Option<[f32; 3]>,
 }

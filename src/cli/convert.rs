@@ -21,7 +21,7 @@ use crate::pipeline::compress::{CompressConfig, Input, ViewSource, compress_to, 
 use crate::pipeline::eval;
 use crate::pipeline::place::shift_to;
 use crate::pipeline::virtual_views::VirtualCameras;
-use crate::render::Style;
+use crate::render::{Settings, Style};
 use crate::scene::orbit::UP;
 use crate::scene::{OpenOptions, Scene};
 use crate::view::alone::{Fit, PageOptions, Shell};
@@ -67,7 +67,7 @@ pub(super) struct Arguments {
     /// Title of the page [default: the model's file name]
     #[arg(long, value_name = "TEXT", help_heading = "Pages (.html)")]
     title: Option<String>,
-    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: black]
+    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: as in the model's run, else black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Pages (.html)")]
     background: Option<[f32; 3]>,
     /// World axis that is up: x, y, z, -x, -y, -z, or auto (as in captures: -y) [default: up in the photos of --scene, else
@@ -132,7 +132,9 @@ impl Arguments {
         if let Some((levels, session)) = self.lod.zip(session.as_ref()) {
             return self.write_levels(session, &loaded, levels as usize, console);
         }
-        let page = is_page.then(|| self.page(session.as_ref(), &loaded, style)).transpose()?;
+        let background =
+            if is_page { style::background_beside(&self.input, self.background, console) } else { [0.0; 3] };
+        let page = is_page.then(|| self.page(session.as_ref(), &loaded, (style, background))).transpose()?;
         let up = page.as_ref().map_or(UP, |options| options.up);
         // From here on, a page's model is in the page's coordinates.
         let shell = page.map(|options| fitted(&mut loaded.gaussians, options));
@@ -146,7 +148,7 @@ impl Arguments {
             origin: loaded.origin,
         };
         if let Some((size, session)) = self.size.zip(session.as_ref()) {
-            return self.write_within(session, (loaded, style, up), (&target, size), console);
+            return self.write_within(session, (loaded, style.over(background), up), (&target, size), console);
         }
         let cost = if exact {
             formats::write_at(&self.output, &loaded.gaussians, loaded.mode, loaded.origin).map_err(Error::writing)?;
@@ -193,7 +195,7 @@ impl Arguments {
         let is_spz = has_extension(&self.output, &["spz"]);
         let why = if self.rendering.is_given() && !is_page {
             "--antialias and --dilation apply only to pages here; `qirf-vk edit --antialias` sets a file's tag"
-        } else if self.rendering.depth_order {
+        } else if self.rendering.depth_order() {
             "--depth-order: pages have one order of depths for the whole picture"
         } else if for_pages && !is_page {
             "--title, --background, --up and --scene are for pages: name an .html file"
@@ -220,13 +222,13 @@ impl Arguments {
     fn write_within(
         &self,
         session: &Session<'_>,
-        (loaded, style, up): (Loaded, Style, DVec3),
+        (loaded, drawn, up): (Loaded, Settings, DVec3),
         (target, size): (&Target<'_>, u64),
         console: &Console,
     ) -> Result<(), Error> {
         let cameras = VirtualCameras { up, ..VirtualCameras::default() };
-        let views = ViewSource::OwnPictures { cameras, background: self.background.unwrap_or_default() };
-        let config = CompressConfig { views, style, ..CompressConfig::default() };
+        let views = ViewSource::OwnPictures { cameras, background: drawn.background };
+        let config = CompressConfig { views, style: drawn.style, ..CompressConfig::default() };
         let input = Input { path: &self.input, model: loaded.gaussians, read_s: 0.0 };
         let record = compress_to(session, input, &config, Some(Aim::Bytes(size)), target)?;
         console.tell(remarks(&record));
@@ -259,10 +261,14 @@ impl Arguments {
     }
 
     /// The contents of the page besides its model; with a device, it begins with a picture.
-    fn page(&self, session: Option<&Session<'_>>, loaded: &Loaded, style: Style) -> Result<PageOptions, Error> {
+    fn page(
+        &self,
+        session: Option<&Session<'_>>,
+        loaded: &Loaded,
+        (style, background): (Style, [f32; 3]),
+    ) -> Result<PageOptions, Error> {
         let stem = || self.input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let title = self.title.clone().filter(|title| !title.trim().is_empty()).unwrap_or_else(stem);
-        let background = self.background.unwrap_or_default();
         let mut options = PageOptions { title, background, style, ..PageOptions::default() };
         if let Some(path) = &self.scene {
             let scene = Scene::open(path, &OpenOptions::default())?;

@@ -126,7 +126,7 @@ impl Arguments {
         if model.1 != original.1 {
             let (a, b) = (model.1.mode(), original.1.mode());
             console.warn(format_args!(
-                "by their files, this model is {a} and the original {b}, and they are drawn so; --antialias=on or --antialias=off draws both alike"
+                "their files tag this model as {a} and the original as {b}, and each is drawn so; --antialias=on or --antialias=off draws both alike"
             ));
         }
         let networks = Networks::find(self.lpips_weights.as_deref())?;

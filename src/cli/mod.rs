@@ -159,9 +159,11 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
 /// Options that only experiments use: `compare` shows them, and `run`, `compress` and their plans take them without showing them.
 const EXPERIMENTS: [&str; 6] = ["partition", "overlap", "dilate", "solver", "epsilon", "init_count"];
 
-/// Leaves the options of experiments out of a command's help.
+/// Leaves the options of experiments out of a command's help, which then says where they are.
 fn without_experiments(command: clap::Command) -> clap::Command {
-    command.mut_args(|arg| {
+    let examples = command.get_after_help().map(|text| format!("{text}\n\n")).unwrap_or_default();
+    let elsewhere = "`qirf-vk compare --help` lists options for experiments, such as --solver; this command accepts those on compression, too.";
+    command.after_help(examples + elsewhere).mut_args(|arg| {
         let hidden = EXPERIMENTS.contains(&arg.get_id().as_str());
         if hidden { arg.hide(true) } else { arg }
     })

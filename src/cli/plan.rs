@@ -1,6 +1,6 @@
 //! `qirf-vk shard plan`: the tasks of a compression, or of a run in blocks.
 
-use super::choices::Choices;
+use super::choices::{Choices, checked};
 use super::compression::CompressArgs;
 use super::console::Console;
 use super::remedy::quoted;
@@ -11,7 +11,7 @@ use super::{Global, check_folder};
 use crate::extension::has_extension;
 use crate::gaussians::formats;
 use crate::gpu::Device;
-use crate::job::{Error, Session, host_bytes};
+use crate::job::{Error, RunConfig, Session, host_bytes};
 use crate::metrics::Networks;
 use crate::selftest;
 use crate::shard::blocks::BlockRun;
@@ -110,7 +110,8 @@ impl Planned {
             }
             Self::Run(a) => {
                 a.place.model(&["ply", "spz"])?;
-                a.place.plan(console, global, |session| a.job(session, console))
+                let config = a.configuration(console)?;
+                a.place.plan(console, global, |session| a.job(session, &config, console))
             }
         }
     }
@@ -142,10 +143,13 @@ impl OfModel {
 }
 
 impl OfScene {
-    fn job(&self, session: &Session<'_>, console: &Console) -> Result<Job, Error> {
+    fn configuration(&self, console: &Console) -> Result<RunConfig, Error> {
         let config = self.training.configuration(self.scene.clone(), console)?;
-        let config = if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) };
-        let run = BlockRun::plan(session, &config, self.blocks.map(usize::from))?;
+        checked(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) })
+    }
+
+    fn job(&self, session: &Session<'_>, config: &RunConfig, console: &Console) -> Result<Job, Error> {
+        let run = BlockRun::plan(session, config, self.blocks.map(usize::from))?;
         if run.blocks == 1 {
             console.note("one block: `qirf-vk run` needs no more memory, and less work");
         }
@@ -176,8 +180,10 @@ impl Place {
         let job = session(&device, self.memory_budget, console, job)?;
         let shard = Shard::create(&Plan::new(job, &self.name, selftest::fingerprint(&device)?), &self.output)?;
         console.print(format_args!("{} in {}", counted(shard.tasks().len(), "task"), self.output.display()))?;
-        let folder = quoted(&self.output);
-        console.note(format_args!("next: qirf-vk shard all {folder}, or snakemake -d {folder} --cores 2"));
+        let [folder, snakefile] = [&self.output, &self.output.join("Snakefile")].map(|path| quoted(path));
+        // Snakemake looks for its file in the current folder, whatever -d names.
+        console
+            .note(format_args!("next: qirf-vk shard all {folder}, or snakemake -d {folder} -s {snakefile} --cores 2"));
         Ok(())
     }
 }

@@ -7,7 +7,7 @@ use super::show::Show;
 use super::values;
 use crate::job::Error;
 use crate::pose::{self, Backend, Matching, Options, Posed};
-use crate::scene::{self, OpenOptions, Scene, instead, photo_folder};
+use crate::scene::{self, CameraKind, OpenOptions, Scene, instead, photo_folder};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -101,7 +101,9 @@ impl Arguments {
         if pose::is_video(path) {
             return Ok(path.clone());
         }
-        photo_folder(path, None).ok_or_else(|| match instead(path) {
+        let is_photo = path.is_file() && CameraKind::of(path).is_some();
+        let photo = || is_photo.then(|| "it is one photo: give the folder of all photos".to_owned());
+        photo_folder(path, None).ok_or_else(|| match instead(path).or_else(photo) {
             Some(what) => scene::Error::Instead { path: path.clone(), what }.into(),
             None => Error::NothingToPose(path.clone()),
         })

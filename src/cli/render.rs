@@ -99,9 +99,9 @@ pub(super) struct Arguments {
     /// File format
     #[arg(long, default_value = "png", value_parser = values::one_of::<Format>("a picture format"), help_heading = "Pictures")]
     format: Format,
-    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white
-    #[arg(long, value_name = "R,G,B", default_value = "black", value_parser = values::colour, help_heading = "Pictures")]
-    background: [f32; 3],
+    /// Colour behind the Gaussians: three numbers from 0 to 1, or black, grey, white [default: as in the model's run, else black]
+    #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Pictures")]
+    background: Option<[f32; 3]>,
     /// Write PNG files with alpha, without a background
     #[arg(long, conflicts_with = "background", help_heading = "Pictures")]
     transparent: bool,
@@ -129,7 +129,9 @@ impl Arguments {
         {
             console.warn(format_args!("{} {doubt}", self.model.display()));
         }
-        let settings = self.rendering.beside(&self.model, &loaded, console).style.over(self.background);
+        let style = self.rendering.beside(&self.model, &loaded, console).style;
+        let given = self.background.or(self.transparent.then_some([0.0; 3]));
+        let settings = style.over(style::background_beside(&self.model, given, console));
         let (model, origin) = (loaded.gaussians, loaded.origin);
         let mut config =
             RenderConfig { settings, format: self.format()?, transparent: self.transparent, depth: self.depth };

@@ -1,6 +1,6 @@
 //! `qirf-vk run SCENE`.
 
-use super::choices::Choices;
+use super::choices::{Choices, checked};
 use super::compress::outcome;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
@@ -38,9 +38,9 @@ const EXAMPLES: &str = "Examples:
 
 The folder holds model.ply, report.html, metrics.json, log.jsonl, renders/ and config.toml, which reproduces the run.
 
-`qirf-vk compare --help` lists options for experiments, such as --solver, which `run` also accepts.
+For photos without poses and for videos, `run` first estimates poses as `qirf-vk pose` does, and writes the scene to the folder's scene/.
 
-For photos without poses and for videos, `run` first estimates poses as `qirf-vk pose` does, and writes the scene to the folder's scene/.";
+`qirf-vk train` is another name for `qirf-vk run`.";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -153,8 +153,7 @@ impl Arguments {
         let record = self
             .watched
             .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
-        // The run has decided on effects.
-        let decided = RunConfig::read(&output.config())?;
+        let decided = config.decided(&record.effects);
         if !self.no_report {
             let title = self.output.file_name().unwrap_or_default().to_string_lossy();
             let drawn = decided.style.over(record.protocol.background);
@@ -189,7 +188,7 @@ impl Arguments {
         }
         let config = self.training.configuration(self.scene.clone().unwrap_or_default(), console)?;
         let config = RunConfig { clean: self.clean, ..config };
-        Ok(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) })
+        checked(if self.no_prune { config } else { config.pruned(self.training.pruning(&self.choices)?) })
     }
 
     /// The photos without poses, or the video, that the run begins with; `None` for a scene.

@@ -3,6 +3,7 @@
 use super::Global;
 use super::console::Console;
 use super::plan::{Planned, session};
+use super::remedy::quoted;
 use super::values;
 use crate::job::{Error, Session};
 use crate::random;
@@ -15,8 +16,8 @@ use std::path::{Path, PathBuf};
 const EXAMPLES: &str = "Examples:
   qirf-vk shard plan compress city.ply -o big --scene capture --resolution /4 --keep 0.28
   qirf-vk shard plan run capture -o big --blocks 8
-  qirf-vk shard all big                 on this device, one task after the other
-  snakemake -d big --cores 2            with an engine: docs/cluster.md
+  qirf-vk shard all big                           on this device, one task after the other
+  snakemake -d big -s big/Snakefile --cores 2     with an engine: docs/cluster.md
   qirf-vk shard status big
   qirf-vk shard verify big --share 0.1
 
@@ -162,8 +163,19 @@ impl StatusArguments {
 impl VerifyArguments {
     fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         self.work.with(console, global, |shard, session| {
-            let done = shard.status().into_iter().filter(|(_, state)| *state == State::Done).map(|(task, _)| task);
-            let done: Vec<Task> = done.filter(|task| task.stage != Stage::Report).collect();
+            let mut done: Vec<Task> = Vec::new();
+            for (task, state) in shard.status() {
+                match state {
+                    State::Done if task.stage != Stage::Report => done.push(task),
+                    State::Damaged(_) => shard.check(task)?,
+                    _ => {}
+                }
+            }
+            if done.is_empty() {
+                let folder = quoted(&self.work.folder);
+                let what = format!("no task is done that could be repeated; run `qirf-vk shard all {folder}` first");
+                return Err(Error::Usage(what));
+            }
             let number = ((self.share * done.len() as f64).ceil() as usize).min(done.len());
             let order = random::permutation(done.len(), &[u64::from(self.seed)]);
             let mut wrong: Vec<(Task, Vec<PathBuf>)> = Vec::new();

@@ -2,6 +2,7 @@
 
 use super::console::Console;
 use super::values;
+use crate::extension::folder_of;
 use crate::gaussians::formats::{Loaded, RenderMode};
 use crate::job::{RunConfig, earlier};
 use crate::render::Style;
@@ -20,9 +21,10 @@ pub struct Rendering {
     #[arg(long, value_name = "0.1|0.3", help_heading = "Rendering", value_parser = values::dilation)]
     dilation: Option<f32>,
     /// Sort Gaussians by depth in each tile of the picture, for models trained with depth_order; this avoids popping when the
-    /// camera turns
-    #[arg(long, help_heading = "Rendering")]
-    pub depth_order: bool,
+    /// camera turns; without a value, on [default: as the model's run did]
+    #[arg(long, value_name = "on|off", help_heading = "Rendering", num_args = 0..=1, require_equals = true,
+        default_missing_value = "on", value_parser = values::switch(), ignore_case = true)]
+    depth_order: Option<bool>,
 }
 
 impl Rendering {
@@ -33,17 +35,22 @@ impl Rendering {
 
     /// True if an option asks for another style than the file's.
     pub fn is_given(&self) -> bool {
-        self.antialias.is_some() || self.dilation.is_some() || self.depth_order
+        self.antialias.is_some() || self.is_of_pictures()
     }
 
     /// True if an option asks for something that only pictures have.
     pub fn is_of_pictures(&self) -> bool {
-        self.dilation.is_some() || self.depth_order
+        self.dilation.is_some() || self.depth_order()
+    }
+
+    /// True if Gaussians are to be sorted in each tile.
+    pub fn depth_order(&self) -> bool {
+        self.depth_order.unwrap_or(false)
     }
 
     /// The style of a model of this mode, which the options have settled.
     pub fn of(&self, mode: RenderMode) -> Style {
-        Style { antialias: mode.antialiased(), depth_order: self.depth_order, dilation: self.dilation }
+        Style { antialias: mode.antialiased(), depth_order: self.depth_order(), dilation: self.dilation }
     }
 
     /// The style of the model read from `path`: the options come first, then its run's style, if known, and its tag. Says
@@ -53,12 +60,12 @@ impl Rendering {
         let tagged = Style { antialias: run.antialias || model.mode.antialiased(), ..run };
         let chosen = Style {
             antialias: self.antialias.unwrap_or(tagged.antialias),
-            depth_order: self.depth_order || run.depth_order,
+            depth_order: self.depth_order.unwrap_or(run.depth_order),
             dilation: self.dilation.or(run.dilation),
         };
         if chosen.antialias != tagged.antialias {
             console.note(format_args!(
-                "{}: drawn {}, as --antialias says; by its file it is {}",
+                "{}: drawn {}, as --antialias says; its file is tagged as {}",
                 path.display(),
                 chosen.mode(),
                 tagged.mode()
@@ -80,7 +87,7 @@ impl Rendering {
         if let Some(dilation) = given.dilation.filter(|_| self.dilation.is_none()) {
             taken.push(format!("--dilation {dilation}"));
         }
-        if given.depth_order && !self.depth_order {
+        if given.depth_order && self.depth_order.is_none() {
             taken.push("--depth-order".to_owned());
         }
         if !taken.is_empty() {
@@ -110,4 +117,15 @@ impl Beside {
         }
         learnt
     }
+}
+
+/// The background of pictures of the model read from `path`: the one given, else that of its run, of which a note tells, else black.
+pub(super) fn background_beside(path: &Path, given: Option<[f32; 3]>, console: &Console) -> [f32; 3] {
+    let folder = folder_of(path);
+    let of_run = || earlier::of_model(path).ok().flatten()?.background.or_else(|| earlier::scored_on(folder));
+    let own = if given.is_some() { None } else { of_run().filter(|own| *own != [0.0; 3]) };
+    if let Some([red, green, blue]) = own {
+        console.note(format_args!("drawn on --background {red:.3},{green:.3},{blue:.3}, as in its run"));
+    }
+    given.or(own).unwrap_or_default()
 }

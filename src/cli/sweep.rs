@@ -1,6 +1,6 @@
 //! `qirf-vk sweep SCENE|MODEL`.
 
-use super::choices::Choices;
+use super::choices::{Choices, checked, first};
 use super::console::Console;
 use super::inspect::{is_scene, read_model};
 use super::resources::Resources;
@@ -9,6 +9,7 @@ use super::training::Training;
 use super::values;
 use super::{Global, check_file, check_no_run, tell_of_missing};
 use crate::gaussians::formats::Loaded;
+use crate::job::config::Pruning;
 use crate::job::{Error, Output, Preset, RunConfig, Session};
 use crate::lab::sweep::records::figure;
 use crate::lab::sweep::{self, Asked, AxisRecord, Context, Described, Subject, SweepRecord, heavy, subject};
@@ -30,7 +31,8 @@ Light axes: solver, overlap, epsilon, culling, stop, gradients. They measure one
 dense model of the scene that is trained briefly (--train). For a model without a scene, virtual cameras stand in for photos.
 
 Heavy axes: keep, selector, iterations, effects. They need a scene. Each rung is a training, as long as --preset or --iterations say; \
-keep and selector continue from one checkpoint.
+keep and selector continue from one checkpoint. The options under Compression, --iterations, --grow-to and --checkpoint-every are for \
+heavy axes; a model's axes read only --background of the options under Training, Effects and Photos.
 
 The folder holds sweep.html, sweep.csv and sweep.json, which are written anew after each axis.";
 
@@ -131,6 +133,10 @@ impl Arguments {
                     .to_owned(),
             ));
         }
+        let config = self.training.configuration(self.path.clone(), console)?;
+        let pruning = self.training.pruning(&self.choices)?;
+        self.check_read(&asked, &config, &pruning)?;
+        checked(config.clone().pruned(pruning.clone()))?;
         check_no_run(&self.output)?;
         let _claimed = Output::claim(&self.output)?;
         check_file(&self.output.join("sweep.json"))?;
@@ -148,18 +154,48 @@ impl Arguments {
             seconds: 0.0,
         };
         let mut progress = Progress { swept, asked: &asked, folder: &self.output, measured: &self.measured, begun };
-        self.light(&session, console, &mut progress)?;
+        self.light(&session, console, &config, &mut progress)?;
         if asked.iter().any(|a| a.axis.heavy()) {
             let networks = self.resources.networks()?;
             let session = Session { networks: &networks, ..session };
-            self.heavy(session, console, &mut progress)?;
+            self.heavy(session, (&config, &pruning), &mut progress)?;
             tell_of_missing(&networks, console);
         }
         if self.json { console.json(&progress.swept) } else { self.report(console, &progress.swept) }
     }
 
+    /// Refuses options that no requested axis reads.
+    fn check_read(&self, asked: &[Asked], config: &RunConfig, pruning: &Pruning) -> Result<(), Error> {
+        if asked.iter().any(|a| a.axis.heavy()) {
+            return Ok(());
+        }
+        let usual = RunConfig::of(self.path.clone(), self.training.preset);
+        let of_runs = [
+            ("--schedule", *pruning != self.training.preset.pruning()),
+            ("--iterations", config.schedule.iterations != usual.schedule.iterations),
+            ("--grow-to", config.schedule.growth != usual.schedule.growth),
+            ("--checkpoint-every", config.checkpoint_every != usual.checkpoint_every),
+        ];
+        if let Some(option) = self.choices.given().or_else(|| first(of_runs)) {
+            let heavy = if is_scene(&self.path) { ", or add an axis that trains, such as --axis selector" } else { "" };
+            return Err(Error::Usage(format!("{option} has no effect on light axes; leave it out{heavy}")));
+        }
+        let usual = RunConfig { background: config.background, ..usual };
+        if !is_scene(&self.path) && *config != usual {
+            let what = "of the options of training, effects and photos, the axes of a model read only --background; leave out the others";
+            return Err(Error::Usage(what.to_owned()));
+        }
+        Ok(())
+    }
+
     /// Measures the requested light axes.
-    fn light(&self, session: &Session<'_>, console: &Console, progress: &mut Progress<'_>) -> Result<(), Error> {
+    fn light(
+        &self,
+        session: &Session<'_>,
+        console: &Console,
+        config: &RunConfig,
+        progress: &mut Progress<'_>,
+    ) -> Result<(), Error> {
         if progress.asked.iter().all(|a| a.axis.heavy()) {
             let path = self.path.display().to_string();
             let origin = "every rung is a training of its own".to_owned();
@@ -167,7 +203,8 @@ impl Arguments {
             return Ok(());
         }
         let own_pictures = !is_scene(&self.path);
-        let subject = if own_pictures { self.of_model(session, console)? } else { self.of_scene(session, console)? };
+        let subject =
+            if own_pictures { self.of_model(session, console)? } else { self.of_scene(session, config, console)? };
         let context = Context { session: *session, subject: &subject, own_pictures, seconds: self.budget_per_axis };
         progress.swept.subject = subject.described.clone();
         for asked in progress.asked {
@@ -178,11 +215,10 @@ impl Arguments {
         Ok(())
     }
 
-    fn of_scene(&self, session: &Session<'_>, console: &Console) -> Result<Subject, Error> {
-        let config = self.training.configuration(self.path.clone(), console)?;
+    fn of_scene(&self, session: &Session<'_>, config: &RunConfig, console: &Console) -> Result<Subject, Error> {
         let config = match &self.model {
-            Some(model) => self.training.obey(config, model, console)?,
-            None => config,
+            Some(model) => self.training.obey(config.clone(), model, console)?,
+            None => config.clone(),
         };
         let schedule = Preset::Quick.schedule(Some(self.train));
         let config = RunConfig { schedule, checkpoint_every: 0, ..config };
@@ -198,14 +234,14 @@ impl Arguments {
     }
 
     /// Measures the requested heavy axes.
-    fn heavy(&self, session: Session<'_>, console: &Console, progress: &mut Progress<'_>) -> Result<(), Error> {
-        let training = heavy::Training {
-            session,
-            folder: &self.output,
-            config: &self.training.configuration(self.path.clone(), console)?,
-            preset: self.training.preset,
-            pruning: &self.training.pruning(&self.choices)?,
-        };
+    fn heavy(
+        &self,
+        session: Session<'_>,
+        (config, pruning): (&RunConfig, &Pruning),
+        progress: &mut Progress<'_>,
+    ) -> Result<(), Error> {
+        let (folder, preset) = (self.output.as_path(), self.training.preset);
+        let training = heavy::Training { session, folder, config, preset, pruning };
         sweep::heavy(&training, progress.asked, |axis| progress.add(axis))
     }
 

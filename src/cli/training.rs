@@ -59,7 +59,8 @@ pub(super) struct Training {
     // Its help lists the effects.
     #[arg(long, value_name = "NAME=on|off|auto", value_parser = Overrides::parse, help = effects(), help_heading = "Effects")]
     effect: Vec<(Effect, Choice)>,
-    /// Colour behind the Gaussians [default: white for photos with alpha, the colour of nearly all pixels at the photos' edges, or black]
+    /// Colour behind the Gaussians [default: white for photos with alpha; else the colour that nearly all pixels at the photos' edges share; else
+    /// black]
     #[arg(long, value_name = "R,G,B", value_parser = values::colour, help_heading = "Training")]
     pub background: Option<[f32; 3]>,
     /// Iterations between checkpoints; with 0, only Ctrl-C writes one
@@ -165,7 +166,7 @@ impl Training {
             console.note(format_args!("{}: anti-aliased, and so is the run", path.display()));
         } else if config.effects.forced(Effect::Antialias).is_some_and(|on| on != mode.antialiased()) {
             let run = RenderMode::of(!mode.antialiased());
-            console.note(format_args!("{}: by its file it is {mode}; the run is {run}, as requested", path.display()));
+            console.note(format_args!("{}: tagged as {mode}; the run is {run}, as requested", path.display()));
         }
         Ok(config)
     }

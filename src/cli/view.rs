@@ -10,7 +10,7 @@ use crate::effects::THUMBNAIL_WIDTH;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
 use crate::job::diagnostics::Diagnostics;
-use crate::job::earlier::is_run;
+use crate::job::earlier::{is_run, scored_on};
 use crate::job::records::ViewScores;
 use crate::job::{Error, RunConfig, Selection, Session};
 use crate::pipeline::compress::{CompressConfig, ViewSource};
@@ -282,12 +282,6 @@ fn psnr(run: &Path) -> HashMap<String, f64> {
 /// The last part of a path.
 fn name(path: &Path) -> String {
     path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
-}
-
-/// The background of a finished run's figures.
-fn scored_on(run: &Path) -> Option<[f32; 3]> {
-    let metrics: serde_json::Value = serde_json::from_slice(&std::fs::read(run.join("metrics.json")).ok()?).ok()?;
-    serde_json::from_value(metrics["protocol"]["background"].clone()).ok()
 }
 
 /// A run that is to be watched: its capture, and no model yet.

@@ -51,6 +51,8 @@ pub struct Agreement {
     pub single_colour: Vec<String>,
     /// Groups of photos with the same pixels and different poses.
     pub equal: Vec<Vec<String>>,
+    /// Groups of photos with the same pixels and the same pose.
+    pub copies: Vec<Vec<String>>,
 }
 
 impl Agreement {
@@ -60,7 +62,8 @@ impl Agreement {
             by_photo(scene, thumbnails).into_par_iter().partition(|photo| is_single_colour(photo));
         let left_out: BTreeSet<&str> = single.iter().map(|photo| photo[0].0.photo_name()).collect();
         let single_colour = left_out.iter().map(|name| (*name).to_owned()).collect();
-        let mut found = Self { single_colour, equal: equal(scene, &rest), ..Self::default() };
+        let [equal, copies] = [true, false].map(|moved| equal(scene, &rest, moved));
+        let mut found = Self { single_colour, equal, copies, ..Self::default() };
         found.compare(&Sights::of(scene, thumbnails, &left_out));
         found
     }
@@ -144,8 +147,8 @@ fn is_single_colour(photo: &[(&View, &Thumbnail)]) -> bool {
     visible > 0 && f64::from(visible) >= least * f64::from(all) && counts.iter().all(narrow)
 }
 
-/// Groups of photos whose first views have the same pixels, if their poses differ.
-fn equal(scene: &Scene, photos: &[Views<'_>]) -> Vec<Vec<String>> {
+/// Groups of photos whose first views have the same pixels, and poses that differ or not.
+fn equal(scene: &Scene, photos: &[Views<'_>], differ: bool) -> Vec<Vec<String>> {
     let views: Vec<usize> = (0..scene.views.len()).collect();
     let near = SAME_POSE.1 * scene.extent(&views);
     let sums: Vec<u32> = photos.par_iter().map(|photo| crc32([photo[0].1.pixels.as_slice()])).collect();
@@ -156,17 +159,21 @@ fn equal(scene: &Scene, photos: &[Views<'_>]) -> Vec<Vec<String>> {
             by_sum.entry(*sum).or_default().push(photo[0]);
         }
     }
-    let same = |group: &Views<'_>| -> Option<Vec<String>> {
-        let (first, rest) = group.split_first()?;
-        let twin = |(view, small): &&(&View, &Thumbnail)| {
-            small.pixels == first.1.pixels
-                && small.camera.width == first.1.camera.width
-                && moved(&view.camera, &first.0.camera, near)
-        };
-        let twins: Vec<String> = rest.iter().filter(twin).map(|(view, _)| view.photo_name().to_owned()).collect();
-        (!twins.is_empty()).then(|| [vec![first.0.photo_name().to_owned()], twins].concat())
+    let twins = |a: &(&View, &Thumbnail), b: &(&View, &Thumbnail)| {
+        a.1.pixels == b.1.pixels
+            && a.1.camera.width == b.1.camera.width
+            && moved(&a.0.camera, &b.0.camera, near) == differ
     };
-    let mut groups: Vec<Vec<String>> = by_sum.values().filter_map(same).collect();
+    let mut groups: Vec<Vec<String>> = Vec::new();
+    for mut group in by_sum.into_values() {
+        while let Some((first, rest)) = group.split_first() {
+            let (same, others): (Views<'_>, Views<'_>) = rest.iter().partition(|other| twins(first, other));
+            let names = [vec![*first], same.clone()].concat().iter().map(|(v, _)| v.photo_name().to_owned()).collect();
+            groups.extend((!same.is_empty()).then_some(names));
+            // Of photos under different poses, one group tells.
+            group = if differ { Vec::new() } else { others };
+        }
+    }
     groups.sort();
     groups
 }

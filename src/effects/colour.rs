@@ -18,6 +18,9 @@ pub const GAINS: f64 = 0.02;
 /// Share of the points' differences between photos that gains must explain: if it is less, light changed or surfaces
 /// reflect, which no exposure corrects.
 pub const EXPLAINED: f64 = 1.0 / 3.0;
+/// The same for points without tracks, some of which a photo does not see. Of sound captures, the largest were 0.04 and 0.04 (synthetic)
+/// and 0.13 and 0.23 (snowmiku).
+const STRONG: (f64, f64) = (0.2, 0.5);
 /// Deviation of a point's colours above which they depend on the view: larger than the noise of thumbnails.
 pub const DEVIATION: f64 = 0.005;
 /// Share of points, the smoothest, whose deviation counts: the colours of others change with the texture around them.
@@ -32,6 +35,8 @@ const ROUNDS: usize = 8;
 const COMMON: (usize, usize) = (3, 20);
 /// Smallest number of observations of a point for a fit of its dependence on the view.
 const OBSERVED: usize = 8;
+/// Smallest number of such points for the degree to be told.
+const FEWEST: usize = 20;
 /// Number of parts of a point's observations, each held out once.
 const FOLDS: usize = 4;
 /// Strength of the pull of SH coefficients towards 0, in observations.
@@ -55,6 +60,11 @@ pub struct Gains {
 }
 
 impl Gains {
+    /// True if photos differ so much that points whose tracks are unknown tell it.
+    pub fn are_strong(&self) -> bool {
+        self.spread > STRONG.0 && self.explained > STRONG.1
+    }
+
     /// For each photo, the gains of red, green and blue, each drawn towards 1 as its error grows relative to the spread
     /// of all; empty if photos share too little to be compared.
     pub fn believed(&self) -> Vec<[f32; 3]> {
@@ -68,6 +78,11 @@ impl Gains {
         };
         self.log.iter().zip(&self.errors).map(believe).collect()
     }
+}
+
+/// True if a channel is neither lost in noise nor clipped.
+fn is_usable(value: f64) -> bool {
+    value > USABLE.0 && value < USABLE.1
 }
 
 /// Fits gains of `count` photos to the colours of common points: log colour = point + gain, alternating medians.
@@ -106,7 +121,7 @@ struct Channel {
 
 /// Fits the gains of channel `c`.
 fn channel(tracks: &[Vec<Observation>], count: usize, c: usize) -> Channel {
-    let usable = |o: &&Observation| o.colour[c] > USABLE.0 && o.colour[c] < USABLE.1;
+    let usable = |o: &&Observation| is_usable(o.colour[c]);
     let logs: Vec<Vec<(usize, f64)>> = tracks
         .iter()
         .map(|seen| seen.iter().filter(usable).map(|o| (o.photo, o.colour[c].ln())).collect())
@@ -161,7 +176,10 @@ pub fn exposure(set: &TrainingSet<'_>, tracks: &[Vec<Observation>], gains: &Gain
     let headers = headers(set);
     if gains.photos == 0 {
         let why = match tracks.len() {
-            0 => "the scene has no points with tracks: photos cannot be compared",
+            0 => "no points with tracks, and no strong differences on others: photos cannot be compared",
+            _ if tracks.iter().flatten().all(|seen| !is_usable(seen.colour.element_sum() / 3.0)) => {
+                "the points are nearly black or white in all photos, which cannot be compared"
+            }
             _ => "photos share too few points that are neither black nor white to be compared",
         };
         return Decision::plain(Effect::Exposure, false, format!("{why}{headers}"));
@@ -198,13 +216,14 @@ pub fn view_dependence(tracks: &[Vec<Observation>], gains: &Gains, most: usize) 
         seen.iter().map(|o| Observation { colour: o.colour / gain(o.photo), ..*o }).collect()
     };
     let long: Vec<Vec<Observation>> = tracks.iter().filter(|t| t.len() >= OBSERVED).map(corrected).collect();
-    if long.is_empty() || most == 0 {
+    if long.len() < FEWEST || most == 0 {
         let why = match (most, tracks.len()) {
             (0, _) => "no SH degree above 0 is allowed".to_owned(),
             (_, 0) => format!("no points have tracks, so the scene does not tell the degree: {most} is used"),
-            _ => {
-                format!("no point is seen by {OBSERVED} photos, so the scene does not tell the degree: {most} is used")
-            }
+            _ => format!(
+                "{} seen by {OBSERVED} photos or more, too few to tell the degree: {most} is used",
+                counted(long.len(), "point")
+            ),
         };
         return Decision { degree: Some(most), ..Decision::plain(Effect::ViewDependence, most > 0, why) };
     }

@@ -19,6 +19,8 @@ named! {
         Dropout = "dropout",
         /// Pictures are compared with the photos' depth maps, too.
         Depth = "depth",
+        /// Far Gaussians are added at the start where photos show a sky.
+        Sky = "sky",
         /// Gaussians smaller than a pixel keep their energy.
         Antialias = "antialias",
         /// Photos are undistorted.
@@ -65,7 +67,9 @@ impl Effect {
     /// Condition that switches the effect on unless the user decides.
     pub const fn trigger(self) -> Trigger {
         match self {
-            Self::ViewDependence | Self::Exposure | Self::Poses | Self::Dropout | Self::Antialias => Trigger::Measure,
+            Self::ViewDependence | Self::Exposure | Self::Poses | Self::Dropout | Self::Sky | Self::Antialias => {
+                Trigger::Measure
+            }
             Self::Depth | Self::Distortion | Self::Transparency | Self::Masks => Trigger::Photos,
             Self::DepthOrder => Trigger::Request,
             Self::Cameras => Trigger::Always,
@@ -83,7 +87,7 @@ impl Effect {
             // The 2D filter is two operations of the projection; the scope is that of 3D smoothing.
             Self::Antialias => Some("antialias"),
             Self::DepthOrder => Some("depth order"),
-            Self::ViewDependence | Self::Distortion | Self::Transparency | Self::Cameras => None,
+            Self::ViewDependence | Self::Sky | Self::Distortion | Self::Transparency | Self::Cameras => None,
         }
     }
 }

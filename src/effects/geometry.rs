@@ -1,11 +1,12 @@
 //! Detectors that read cameras, lenses and the photos' fourth byte.
 
 use super::decision::{Decision, is_near};
+use super::doubts::cause;
 use super::effect::Effect;
 use super::quantile::quantile;
 use super::training_set::{DepthEvidence, DepthWitness, TrainingSet};
 use crate::scene::lens::{Lens, VISIBLE_DISPLACEMENT};
-use crate::scene::{ALPHA_SHARE, AlphaRole, SceneKind, View};
+use crate::scene::{ALPHA_SHARE, AlphaRole, Misfit, SceneKind, View, median};
 use crate::wording::counted;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -13,8 +14,12 @@ use std::collections::{BTreeSet, HashSet};
 
 /// Ratio of a point's pixel footprints above which a scene calls for anti-aliasing.
 pub const FOOTPRINTS: f64 = 1.5;
+/// The same, in multiples, above which a run says that it would help.
+const MUCH: f64 = 2.0;
 /// Median error of points, in pixels of the pictures trained on, above which cameras are corrected.
 pub const MISPLACED: f64 = 1.0;
+/// Misfit as a share of the picture's diagonal from which on no correction of poses finds the right ones.
+const LOST: f64 = 0.1;
 /// Median deviation of points from depth maps, as a share of their depth, up to which the maps are trained on, and points
 /// are taken from them.
 pub const DEPTHS_AGREE: f64 = 0.1;
@@ -88,15 +93,29 @@ pub fn depth(set: &TrainingSet<'_>) -> Decision {
 }
 
 /// Poses: how far the points are from where the photos show them, in pixels of the pictures trained on. Structure from
-/// motion writes this error with each point.
+/// motion writes this error with each point; where it also writes the places of points in
+/// photos, the poses are measured against these.
 pub fn poses(set: &TrainingSet<'_>) -> Decision {
     let mut errors: Vec<f64> = set.scene.points.iter().map(|p| f64::from(p.error)).filter(|e| *e > 0.0).collect();
-    if errors.is_empty() {
-        let why = "the points have no reprojection errors".to_owned();
-        return Decision::plain(Effect::Poses, false, why);
-    }
-    let (points, pixels) = (errors.len(), quantile(&mut errors, 0.5) * set.scale);
-    let evidence = format!("the median reprojection error of {} is {pixels:.2} pixels", counted(points, "point"));
+    let written = (!errors.is_empty()).then(|| quantile(&mut errors, 0.5) * set.scale);
+    let misfits: Vec<Misfit> = set.views().filter_map(|view| view.misfit).collect();
+    let middle = |of: fn(&Misfit) -> f64| median(&mut misfits.iter().map(of).collect::<Vec<_>>());
+    // Where lenses or axes account for it, other poses would only hide that.
+    let told = middle(Misfit::share).is_some_and(|share| share < LOST) && cause(&misfits).is_none();
+    let measured = middle(|misfit| misfit.px).filter(|_| told).map(|px| px * set.scale);
+    let (pixels, evidence) = match (written, measured) {
+        (_, Some(pixels)) if written.is_none_or(|written| pixels > written) => {
+            let photos = counted(misfits.len(), "photo");
+            (pixels, format!("the points lie {pixels:.2} pixels from where {photos} show them (median)"))
+        }
+        (Some(pixels), _) => {
+            let points = counted(errors.len(), "point");
+            (pixels, format!("the median reprojection error of {points} is {pixels:.2} pixels"))
+        }
+        (None, _) => {
+            return Decision::plain(Effect::Poses, false, "the points have no reprojection errors".to_owned());
+        }
+    };
     Decision::by(Effect::Poses, pixels, MISPLACED, evidence)
 }
 
@@ -114,6 +133,16 @@ pub fn antialias(set: &TrainingSet<'_>) -> Decision {
         counted(ratios.len(), "point")
     );
     Decision::by(Effect::Antialias, middle, FOOTPRINTS, evidence)
+}
+
+/// A note where anti-aliasing is off, as it is unless it is asked for, and the sizes of points differ much.
+pub fn antialias_would_help(decisions: &[Decision]) -> Option<String> {
+    let much = |d: &&Decision| d.name == Effect::Antialias && !d.on && d.measured > Some(MUCH * FOOTPRINTS);
+    let times = decisions.iter().find(much)?.measured?;
+    Some(format!(
+        "the size of a pixel at a point differs by a factor of up to {times:.1} between photos: --antialias may help (some viewers do not read \
+         its tag)"
+    ))
 }
 
 /// For each point, the 95th over the 5th percentile of its footprints (depth over focal length).

@@ -15,8 +15,8 @@ const FEWEST: (usize, usize) = (30, 60);
 /// Largest number of points with tracks.
 const TRACKED: usize = 40_000;
 /// Largest number of pairs of a photo and a point without tracks, and bounds of the number of such points.
-const PAIRS: usize = 4_000_000;
-const PROJECTED: (usize, usize) = (500, 10_000);
+pub(super) const PAIRS: usize = 4_000_000;
+pub(super) const PROJECTED: (usize, usize) = (500, 10_000);
 /// Number of photos by which [`Sights::smoothness`] is measured.
 const SMOOTHNESS: usize = 16;
 
@@ -191,7 +191,7 @@ impl<'a> Sights<'a> {
     /// How well a view of a photo fits; `colours` are those of each point, with the photos' numbers.
     fn fit(&self, photo: usize, looks: &[Look], colours: &[Vec<(usize, DVec3)>]) -> Option<Fit> {
         let pair = |look: &Look| {
-            let others = colours[look.point].iter().filter(|(other, _)| *other != photo);
+            let others = evenly(&colours[look.point], OTHERS.1 + 1).filter(|(other, _)| *other != photo);
             let others: Vec<DVec3> = others.map(|(_, colour)| *colour).collect();
             let own = DVec3::from(self.points[look.point].colour.map(f64::from));
             (others.len() >= OTHERS.0).then(|| Pair {
@@ -248,14 +248,14 @@ fn reread(camera: &Camera, reading: Reading, origin: DVec3) -> Camera {
 }
 
 /// A point that no other one hides: its index, its place in the picture in pixels, and its cell there.
-struct Front {
-    point: usize,
+pub(super) struct Front {
+    pub point: usize,
     place: DVec2,
     cell: usize,
 }
 
 /// The points in a picture that are not far behind the nearest ones around them.
-fn in_front(camera: &Camera, points: &[&Point]) -> Vec<Front> {
+pub(super) fn in_front(camera: &Camera, points: &[&Point]) -> Vec<Front> {
     let size = size(camera);
     let shown = |(i, point): (usize, &&Point)| {
         let p = camera.rotation * point.position + camera.translation;

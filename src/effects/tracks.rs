@@ -1,6 +1,9 @@
 //! Colours of the reconstruction's points in the photos that see them.
 
-use super::training_set::TrainingSet;
+use super::sights::{Front, PAIRS, PROJECTED, in_front};
+use super::training_set::{Thumbnail, TrainingSet};
+use crate::sample::evenly;
+use crate::scene::Point;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -22,6 +25,35 @@ pub struct Observation {
     pub contrast: f64,
 }
 
+/// For each point of a scene without tracks, its colours in at least three training photos in which nothing nearer hides it; none
+/// if they are too few, or show too little of the scene.
+pub fn projected(set: &TrainingSet<'_>) -> Vec<Vec<Observation>> {
+    if set.scene.lacks_points().is_some() {
+        return Vec::new();
+    }
+    let points: Vec<&Point> =
+        evenly(&set.scene.points, (PAIRS / set.photos.len().max(1)).clamp(PROJECTED.0, PROJECTED.1)).collect();
+    let mut by_point: Vec<Vec<Observation>> = vec![Vec::new(); points.len()];
+    let looks = |(photo, thumbnail): (usize, &Thumbnail)| {
+        let seen = in_front(&thumbnail.camera, &points).into_iter();
+        let look = |front: Front| Some((front.point, observe(photo, thumbnail, points[front.point].position)?));
+        seen.filter_map(look).collect::<Vec<_>>()
+    };
+    let looks: Vec<_> = set.photos.par_iter().enumerate().map(|(photo, thumbnail)| looks((photo, thumbnail))).collect();
+    for (point, observation) in looks.into_iter().flatten() {
+        by_point[point].push(observation);
+    }
+    by_point.retain(|seen| seen.len() >= SEEN_BY);
+    by_point
+}
+
+/// A photo's colour of a point.
+fn observe(photo: usize, thumbnail: &Thumbnail, position: DVec3) -> Option<Observation> {
+    let (colour, contrast) = thumbnail.colour_of(position)?;
+    let direction = (position - thumbnail.camera.centre()).try_normalize()?;
+    Some(Observation { photo, colour, direction, contrast })
+}
+
 /// For each point, its colours in at least three training photos.
 pub fn observations(set: &TrainingSet<'_>) -> Vec<Vec<Observation>> {
     let mut photo_of = vec![None; set.scene.views.len()];
@@ -36,10 +68,7 @@ pub fn observations(set: &TrainingSet<'_>) -> Vec<Vec<Observation>> {
         let point = long[k * long.len() / count];
         let seen = point.track.iter().filter_map(|view| {
             let photo = photo_of.get(*view as usize).copied().flatten()?;
-            let thumbnail = set.photos.get(photo)?;
-            let (colour, contrast) = thumbnail.colour_of(point.position)?;
-            let direction = (point.position - thumbnail.camera.centre()).try_normalize()?;
-            Some(Observation { photo, colour, direction, contrast })
+            observe(photo, set.photos.get(photo)?, point.position)
         });
         seen.collect::<Vec<_>>()
     };

@@ -21,6 +21,8 @@ pub struct TrainingSet<'a> {
     pub photos: &'a [Thumbnail],
     /// The depth maps among them.
     pub depths: DepthEvidence,
+    /// Background colour of the pictures.
+    pub background: [f32; 3],
     /// Size of the pictures trained on as a share of the photos' on disk.
     pub scale: f64,
     /// Length of the run.

@@ -48,6 +48,12 @@ pub fn of_model(model: &Path) -> Result<Option<RunConfig>, Error> {
     RunConfig::read(&file).map(Some).or_else(|error| if is_ours { Err(error) } else { Ok(None) })
 }
 
+/// The background of the figures of the finished run in a folder, if it has any.
+pub fn scored_on(run: &Path) -> Option<[f32; 3]> {
+    let metrics: serde_json::Value = serde_json::from_slice(&std::fs::read(run.join("metrics.json")).ok()?).ok()?;
+    serde_json::from_value(metrics["protocol"]["background"].clone()).ok()
+}
+
 /// Refuses to replace the model of a run, which its figures describe.
 ///
 /// # Errors

@@ -1,33 +1,44 @@
 //! Effects that a scene calls for, decided on a run's training photos, and their consequences for the run.
 
-use super::prepare::Prepared;
+use super::prepare::{Prepared, usual_background};
+use super::start::Start;
 use crate::depth_maps;
-use crate::effects::{self, Agreement, Decision, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, TrainingSet};
+use crate::effects::{
+    self, Agreement, Decision, Doubts, Effect, Overrides, THUMBNAIL_WIDTH, Thumbnail, Told, TrainingSet,
+};
 use crate::gaussians::{Gaussians, MAX_SH_DEGREE};
 use crate::gpu::Timings;
 use crate::job::records::{CameraErrors, Trial};
-use crate::job::{Error, RunConfig};
+use crate::job::{Error, Init, RunConfig, Silent};
 use crate::render::Style;
-use crate::scene::{EVAL_EVERY, LoadOptions, Resize, Scene, Skipped, View, load_photos, median};
+use crate::scene::{EVAL_EVERY, LoadOptions, Photo, Point, Resize, Scene, Skipped, View, load_photos, median};
 use crate::train::{self, schedule::Schedule};
 use rayon::prelude::*;
 use std::io;
 
-/// Decides on the effects of a prepared scene, from its training photos alone; also returns the relative gains of those
-/// photos: red, green and blue.
-pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Vec<Decision>, Vec<[f32; 3]>), Error> {
-    let train = prepared.scene.split(config.eval_every).train;
-    let photos: Vec<Thumbnail> =
-        prepared.train.par_iter().map(Thumbnail::of).collect::<io::Result<_>>().map_err(train::Error::Photos)?;
-    let sizes = prepared.train.first().zip(train.first());
-    let scale = sizes.map_or(1.0, |(photo, view)| {
-        f64::from(photo.camera.width) / f64::from(prepared.scene.views[*view].camera.width.max(1))
-    });
+/// Decides on the effects of a prepared scene, from its training photos alone. Also returns a line on each fault of any photo, camera or
+/// pose, with a remedy.
+pub fn decide(prepared: &Prepared, config: &RunConfig) -> Result<(Told, Vec<String>), Error> {
+    let Prepared { scene, train: to_train, test: held_out, depths, background, .. } = prepared;
+    let split = scene.split(config.eval_every);
+    let photos = to_train.iter().chain(held_out.iter().map(|(_, photo)| photo));
+    let views: Vec<(usize, &Photo)> = split.train.iter().chain(&split.test).copied().zip(photos).collect();
+    let small = |(view, photo): &(usize, &Photo)| Ok((*view, Thumbnail::of(photo)?));
+    let small: Vec<(usize, Thumbnail)> =
+        views.par_iter().map(small).collect::<io::Result<_>>().map_err(train::Error::Photos)?;
+    let mut thumbnails: Vec<Option<Thumbnail>> = scene.views.iter().map(|_| None).collect();
+    for (view, small) in small {
+        thumbnails[view] = Some(small);
+    }
+    let advice = Doubts::of(scene, Agreement::of(scene, &thumbnails)).advice();
+    let photos: Vec<Thumbnail> = split.train.iter().filter_map(|view| thumbnails[*view].take()).collect();
+    let sizes = to_train.first().zip(split.train.first());
+    let scale = sizes
+        .map_or(1.0, |(photo, view)| f64::from(photo.camera.width) / f64::from(scene.views[*view].camera.width.max(1)));
     let iterations = config.schedule.iterations;
-    let depths = prepared.depths;
-    let set = TrainingSet { scene: &prepared.scene, train: &train, photos: &photos, depths, scale, iterations };
-    let (decisions, gains) = effects::decide(&set, &config.effects, config.sh_degree);
-    Ok((decisions, gains.believed()))
+    let (train, depths, background) = (split.train.as_slice(), *depths, *background);
+    let set = TrainingSet { scene, train, photos: &photos, depths, background, scale, iterations };
+    Ok((effects::decide(&set, &config.effects, config.sh_degree), advice))
 }
 
 /// Decides on the effects of a scene on disk; also returns everything that a run would leave out of it or say about it, damaged photos
@@ -45,15 +56,17 @@ pub fn examine(scene: &Scene) -> Result<(Vec<Decision>, Skipped, Agreement), Err
     skipped.add_loaded(&loaded, &views);
     let small = loaded.photos.par_iter().map(|photo| photo.as_ref().ok().map(Thumbnail::of).transpose());
     let mut thumbnails: Vec<Option<Thumbnail>> = small.collect::<io::Result<_>>().map_err(train::Error::Photos)?;
-    drop(loaded);
+    let sound: Vec<Photo> = loaded.photos.iter().filter_map(|photo| photo.as_ref().ok().cloned()).collect();
+    let background = usual_background(&sound, &Silent)?;
+    drop((loaded, sound));
     let agreement = Agreement::of(&scene, &thumbnails);
     let kept = split.into_iter().filter_map(|view| Some((view, thumbnails[view].take()?)));
     let (train, photos): (Vec<usize>, Vec<Thumbnail>) = kept.unzip();
     let maps = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH));
     skipped.notes.extend(maps.notes);
     let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
-    let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, scale: 1.0, iterations };
-    let mut decisions = effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).0;
+    let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, background, scale: 1.0, iterations };
+    let mut decisions = effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).decisions;
     if let Some(d) = decisions.iter_mut().find(|d| d.name == Effect::Antialias && d.on) {
         d.on = false;
         d.evidence +=
@@ -155,6 +168,21 @@ pub fn keep_bands(decisions: &mut [Decision], degree: usize) {
     if let Some(d) = measured.filter(|d| d.degree.is_some_and(|lower| lower < degree)) {
         d.evidence += &format!("; the initial model has degree {degree}, and keeps its bands");
         (d.degree, d.on) = (Some(degree), true);
+    }
+}
+
+/// Adds the points of a sky to those that training starts from, or started from; a run that starts from others has no such effect.
+pub fn add_sky(decisions: &mut [Decision], sky: Vec<Point>, (config, start): (&RunConfig, &Start), scene: &mut Scene) {
+    let from_points = match start {
+        Start::Points(_) => true,
+        Start::Resumed(_) => matches!(config.init, Init::Points) && scene.lacks_points().is_none(),
+        Start::Random(_) | Start::Model(_) => false,
+    };
+    if from_points {
+        scene.points.extend(sky);
+    } else if let Some(d) = decisions.iter_mut().find(|d| d.name == Effect::Sky && d.on) {
+        d.evidence += "; the run does not start from the capture's points";
+        d.on = false;
     }
 }
 

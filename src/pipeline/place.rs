@@ -66,8 +66,7 @@ pub fn doubt(loaded: &Loaded, scene: &Scene) -> Option<&'static str> {
         && !records_origins(*format)
         && scene.origin != DVec3::ZERO
         && shift_to(gaussians, *origin, scene) == DVec3::ZERO;
-    let warning =
-        "records no local origin, so it is taken to be the capture's; if georeference.json was beside it, put it there";
+    let warning = "records no local origin, so the capture's is assumed; if a georeference.json belongs to it, put it beside the model";
     is_guess.then_some(warning)
 }
 

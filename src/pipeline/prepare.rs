@@ -9,7 +9,7 @@ use crate::gaussians::formats::{self, RenderMode, crc32};
 use crate::job::{Error, Selection, Stage, Watcher};
 use crate::render::{Settings, Style};
 use crate::scene::camera::Camera;
-use crate::scene::{AlphaRole, LoadOptions, Photo, PhotoMemory, Resize, Scene, View};
+use crate::scene::{AlphaRole, LoadOptions, OpenOptions, Photo, PhotoMemory, Resize, Scene, View};
 use crate::train;
 use flate2::CrcWriter;
 use rayon::prelude::*;
@@ -39,6 +39,14 @@ impl Prepared {
     pub fn write(&self, path: &Path, model: &Gaussians, mode: RenderMode) -> Result<(), Error> {
         let (model, origin) = (model.scaled(self.scene.unit), self.scene.origin.to_array());
         formats::write_at(path, &model, mode, origin).map_err(Error::writing)
+    }
+
+    /// Tells of faults of the photos, cameras and poses, now and among what was skipped.
+    pub fn note(&mut self, advice: Vec<String>, watcher: &dyn Watcher) {
+        for line in advice {
+            watcher.note(&line);
+            self.scene.skipped.notes.push(line);
+        }
     }
 
     /// Names of the photos trained on.
@@ -212,9 +220,18 @@ pub struct Opened {
 
 /// Opens a scene.
 pub fn open(selection: &Selection) -> Result<Opened, Error> {
+    opened(selection, &selection.open_options())
+}
+
+/// Opens a scene to train on: how well poses fit its points is measured, too.
+pub fn open_to_train(selection: &Selection) -> Result<Opened, Error> {
+    opened(selection, &OpenOptions { check: true, ..selection.open_options() })
+}
+
+fn opened(selection: &Selection, options: &OpenOptions) -> Result<Opened, Error> {
     let resize = selection.resize().map_err(Error::Usage)?;
     selection.effects.check().map_err(Error::Usage)?;
-    let mut scene = Scene::open(&selection.scene, &selection.open_options())?;
+    let mut scene = Scene::open(&selection.scene, options)?;
     scene.require_photos()?;
     let depths = (DepthMaps::default(), scene.points.len());
     Ok(Opened { scene, resize, selection: selection.clone(), required: Vec::new(), depths })
@@ -324,7 +341,7 @@ impl Opened {
 }
 
 /// The background that photos are trained and scored on unless one is given: white with alpha, a colour that their edges share, or black.
-fn usual_background(photos: &[Photo], watcher: &dyn Watcher) -> Result<[f32; 3], Error> {
+pub(super) fn usual_background(photos: &[Photo], watcher: &dyn Watcher) -> Result<[f32; 3], Error> {
     let Some((colour, share)) = backdrop(photos).map_err(train::Error::Photos)? else {
         return Ok(AlphaRole::of(photos).usual_background());
     };

@@ -1,11 +1,11 @@
 //! The setup that runs share: checkpoint, scene, estimate of memory, photos, effects.
 
 use super::checkpoint::Checkpoint;
-use super::prepare::{Prepared, open, refuse_photo_folders};
+use super::prepare::{Prepared, open_to_train, refuse_photo_folders};
 use super::start::Start;
 use super::trial::trial;
 use super::{budget, effects};
-use crate::effects::Decision;
+use crate::effects::{Decision, Told, antialias_would_help};
 use crate::gpu::Device;
 use crate::job::output::same_place;
 use crate::job::records::Trial;
@@ -57,7 +57,7 @@ impl<'a> Setup<'a> {
         let begun = Instant::now();
         let Session { device, watcher, .. } = *session;
         let checkpoint = if resume { checkpoint(output, watcher)? } else { None };
-        let opened = open(&config.selection())?.with_depths(watcher);
+        let opened = open_to_train(&config.selection())?.with_depths(watcher);
         refuse_photo_folders(&opened.scene, [output.model(), output.renders().join("picture.png")].iter())?;
         let pixels = opened.train_pixels();
         let fresh = || {
@@ -70,14 +70,16 @@ impl<'a> Setup<'a> {
         let estimated_bytes = budget::for_run(session, config, &opened, &start)?;
         let schedule = &config.schedule;
         let limit = schedule.growth.and_then(|plan| plan.limit(&pixels, schedule.iterations));
-        let prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
-        let (mut decisions, gains) = effects::decide(&prepared, config)?;
+        let mut prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
+        let (Told { mut decisions, gains, sky }, advice) = effects::decide(&prepared, config)?;
+        prepared.note(advice, watcher);
         let degree = match &start {
             // What the run decided, or an earlier version of the program.
             Start::Resumed(c) => toml::from_str::<RunConfig>(&c.notes.config).map_or(0, |own| own.sh_degree),
             _ => start.degree(),
         };
         effects::keep_bands(&mut decisions, degree);
+        effects::add_sky(&mut decisions, sky, (config, &start), &mut prepared.scene);
         let prepared = prepared.in_usual_unit();
         let trial = match &start {
             Start::Resumed(checkpoint) => checkpoint.notes.trial,
@@ -87,6 +89,9 @@ impl<'a> Setup<'a> {
             effects::try_out(&mut decisions, trial);
         }
         watcher.note(&effects::summary(&decisions));
+        if let Some(note) = antialias_would_help(&decisions) {
+            watcher.note(&note);
+        }
         if let Some(note) = limit {
             watcher.note(&note);
         }
@@ -96,7 +101,7 @@ impl<'a> Setup<'a> {
         }
         let config = RunConfig { tuning: Some(device.tuning().clone()), ..decided };
         let earlier_s = if let Start::Resumed(checkpoint) = &start { checkpoint.notes.elapsed } else { 0.0 };
-        let (load_s, exposures) = (begun.elapsed().as_secs_f64(), Exposures::Learnt(gains));
+        let (load_s, exposures) = (begun.elapsed().as_secs_f64(), Exposures::Learnt(gains.believed()));
         let setup = Self {
             session: *session,
             config,

@@ -7,7 +7,7 @@ use crate::effects::Effect;
 use crate::gaussians::{Gaussians, formats};
 use crate::job::{Error, Init, RunConfig, Watcher};
 use crate::sample::spread;
-use crate::scene::{FEWEST_POINTS, Scene, SceneKind};
+use crate::scene::{Scene, SceneKind};
 use crate::train::initialise::{self, Seed};
 use crate::wording::counted;
 
@@ -29,8 +29,8 @@ pub enum Start {
 
 impl Start {
     /// The initial state that the configuration selects for a scene and training pictures of at most `pixels` pixels. A model is moved to
-    /// the scene's coordinates, and loses its SH bands above the degree that was asked for, with a note; too few points are replaced by
-    /// random ones.
+    /// the scene's coordinates, and loses its SH bands above the degree that was asked for, with a note; points that are too few, or show too little,
+    /// are replaced by random ones.
     ///
     /// # Errors
     /// A model that cannot be read; [`Error::Usage`] for a number of random points in a run that begins with others.
@@ -49,7 +49,7 @@ impl Start {
                 }
                 Self::Model(loaded.gaussians)
             }
-            Init::Points if points >= FEWEST_POINTS => {
+            Init::Points if scene.lacks_points().is_none() => {
                 refuse_count(config, || format!("the {} of {}", counted(points, "point"), config.scene.display()))?;
                 Self::Points(points)
             }

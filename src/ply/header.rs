@@ -171,9 +171,10 @@ impl Header {
     }
 }
 
-/// A line of the header; comments may be in any encoding.
+/// A line of the header; comments and `obj_info` lines may be in any encoding.
 fn text(line: &[u8]) -> Option<Cow<'_, str>> {
-    if line.starts_with(b"comment") {
+    let words = line.trim_ascii_start();
+    if words.starts_with(b"comment") || words.starts_with(b"obj_info") {
         return Some(String::from_utf8_lossy(line));
     }
     std::str::from_utf8(line).ok().map(Cow::Borrowed)

@@ -101,7 +101,7 @@ impl Colmap<'_> {
                     if let Some((n, _)) = counted(line) {
                         self.watcher.progress(Stage::Features, done.saturating_add(n), total);
                     } else if let Some(photo) = line.trim_start().strip_prefix("Name:") {
-                        photo.trim().clone_into(&mut name);
+                        photo.trim_ascii().clone_into(&mut name);
                     } else if line.contains("ERROR: Failed to read") {
                         unread.add(&name);
                     }

@@ -89,10 +89,12 @@ impl Posed {
     pub fn summary(&self) -> String {
         let mut line = format!("{} of {} photos have poses", self.posed, self.photos);
         for (folder, photos) in &self.others {
-            line += &format!("; {photos} form a separate part, not connected to the scene ({})", folder.display());
+            let form = if *photos == 1 { "forms" } else { "form" };
+            line += &format!("; {photos} {form} a separate part, not connected to the scene ({})", folder.display());
         }
         if self.nowhere.count > 0 {
-            line += &format!("; {} are in no part: {}", self.nowhere.count, self.nowhere);
+            let are = if self.nowhere.count == 1 { "is" } else { "are" };
+            line += &format!("; {} {are} in no part: {}", self.nowhere.count, self.nowhere);
         }
         line
     }
@@ -127,7 +129,7 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
         )));
     }
     if folder.photos().is_empty() {
-        source.check(watcher)?;
+        source.check(backend, watcher)?;
     }
     let hint = if options.panoramas { None } else { source.hint(rig.as_ref()) };
     for line in source.told().into_iter().chain(hint) {
@@ -156,7 +158,7 @@ pub fn pose(input: &Path, scene: &Path, options: &Options, watcher: &dyn Watcher
         }
     }
     watcher.progress(Stage::Poses, photos, photos);
-    let posed = parts::choose(&folder).map_err(|error| source.advised(error))?;
+    let posed = parts::choose(&folder, options.panoramas).map_err(|error| source.advised(error))?;
     folder.finish(&posed)?;
     Ok(posed)
 }

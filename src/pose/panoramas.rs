@@ -1,11 +1,11 @@
 //! Panoramas without poses: each is cut into the faces of a cube, which are the photos of a rig of six pinholes at one place.
 
 use crate::extension::has_extension;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 use image::ImageFormat;
 use image::codecs::jpeg::JpegEncoder;
 use serde_json::json;
@@ -15,12 +15,14 @@ use super::folder::Folder;
 use super::rig::Rig;
 use crate::job::Error;
 use crate::scene::faces::{self, CUBE};
-use crate::scene::{AlphaRole, CameraKind, LoadOptions, Photo, View, is_panorama, load_photos};
+use crate::scene::{AlphaRole, CameraKind, LoadOptions, Photo, Scene, View, is_panorama, load_photos};
 
 /// The face that the others are placed by.
 const FRONT: &str = "front";
 /// Extensions of JPEG files, whose faces are JPEG files; those of other photos are PNG files.
 const JPEG: [&str; 4] = ["jpg", "jpeg", "jpe", "jfif"];
+/// Largest distance of two faces of a panorama, as a share of the cameras' extent, of reliable poses.
+const APART: f64 = 0.02;
 /// Quality of JPEG files.
 const QUALITY: u8 = 95;
 
@@ -93,6 +95,27 @@ fn write(file: &Path, mask: &Path, photo: &Photo) -> Result<(), Error> {
         grey.save(mask).map_err(|e| unwritten(mask, e.to_string()))?;
     }
     Ok(())
+}
+
+/// The doubt about faces of one panorama that do not share a place, and the remedy.
+pub(super) fn apart(scene: &Scene) -> Option<String> {
+    let mut places: BTreeMap<&str, Vec<DVec3>> = BTreeMap::new();
+    for view in &scene.views {
+        // The names of a panorama's faces differ in the first folder alone.
+        let (_, panorama) = view.name.split_once('/')?;
+        places.entry(panorama).or_default().push(view.camera.centre());
+    }
+    let distances =
+        |faces: &Vec<DVec3>| faces.iter().flat_map(|a| faces.iter().map(move |b| a.distance(*b))).fold(0.0, f64::max);
+    let all: Vec<usize> = (0..scene.views.len()).collect();
+    let share = places.values().map(distances).fold(0.0, f64::max) / scene.extent(&all);
+    (share > APART).then(|| {
+        format!(
+            "the faces of a panorama lie up to {:.0} % of the cameras' extent apart, though it was taken at one place: these poses are \
+             unreliable; install COLMAP 3.12 or newer, which keeps them together, and name a new folder with -o",
+            100.0 * share
+        )
+    })
 }
 
 /// The rig whose cameras took the faces.

@@ -1,7 +1,7 @@
 //! The parts that photos fall into: models without a connection to each other. The largest becomes the scene.
 
 use super::folder::Folder;
-use super::{FEWEST, Matching, Posed, SHARES, path};
+use super::{FEWEST, Matching, Posed, SHARES, panoramas, path};
 use crate::job::Error;
 use crate::scene::{Names, OpenOptions, Scene, median};
 use std::collections::BTreeSet;
@@ -13,8 +13,8 @@ const FOCAL: (f64, f64) = (0.4, 3.0);
 /// Mean reprojection error in pixels beyond which poses are doubtful.
 const REPROJECTION: f64 = 1.5;
 
-/// Takes the part with most photos as the scene's poses.
-pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
+/// Takes the part with most photos as the scene's poses; `of_panoramas` says whether the photos are the faces of panoramas.
+pub(super) fn choose(folder: &Folder, of_panoramas: bool) -> Result<Posed, Error> {
     let (photos, sequential) = (folder.photos().len(), folder.has_matches(Matching::Sequential));
     let mut found = Vec::new();
     models(&folder.models(), &mut found);
@@ -50,6 +50,7 @@ pub(super) fn choose(folder: &Folder) -> Result<Posed, Error> {
         nowhere.add(name);
     }
     let mut warnings = doubts(scene, photos);
+    warnings.extend(if of_panoramas { panoramas::apart(scene) } else { None });
     let nested = folder.photos().iter().any(|name| name.contains('/'));
     if !others.is_empty() && nested && sequential {
         warnings

@@ -3,7 +3,7 @@
 use super::folder::{Folder, Key};
 use super::rig::{self, Rig};
 use super::video;
-use super::{FEWEST, Watcher};
+use super::{Backend, FEWEST, Watcher};
 use crate::extension::has_extension;
 use crate::job::Error;
 use crate::scene::{self, Names, PhotoTree, in_eight_bits, is_video_name, masks_of};
@@ -35,10 +35,14 @@ impl Source {
         Self::Photos { folder: input.to_owned(), tree: PhotoTree::of(input) }
     }
 
-    /// Refuses a video that no frames can be taken from.
-    pub fn check(&self, watcher: &dyn Watcher) -> Result<(), Error> {
+    /// Refuses a video that no frames can be taken from, and, if COLMAP is used, photos that its lists cannot name.
+    pub fn check(&self, backend: Backend, watcher: &dyn Watcher) -> Result<(), Error> {
         match self {
-            Self::Photos { .. } => Ok(()),
+            Self::Photos { .. } if backend == Backend::Openmvg => Ok(()),
+            Self::Photos { folder, tree } => match tree.names.iter().find(|name| !is_one_line(name)) {
+                Some(name) => Err(misnamed(folder, name)),
+                None => Ok(()),
+            },
             Self::Video { file, .. } => video::check(file, watcher),
         }
     }
@@ -149,6 +153,19 @@ impl Source {
             Self::Video { file, frames } => video::extract(file, *frames, folder, watcher),
         }
     }
+}
+
+/// True if a list with a name in each line, of which COLMAP trims ASCII spaces, can hold this one.
+fn is_one_line(name: &str) -> bool {
+    name.trim_matches(|c: char| c.is_ascii_whitespace()) == name && !name.contains(|c: char| c.is_ascii_control())
+}
+
+/// The error of a photo whose name COLMAP's lists cannot hold.
+fn misnamed(folder: &Path, name: &str) -> Error {
+    let path = folder.join(name.escape_debug().to_string());
+    let what = "has a name that begins or ends with a space, or holds a control character, which COLMAP's lists of photos cannot \
+                hold: rename it";
+    scene::Error::Photo { path, what: what.to_owned() }.into()
 }
 
 /// Size in bytes, and nanoseconds since 1970 of a file's last change.

@@ -1,5 +1,8 @@
 //! Frames of a video: the sharpest of every window, by ffmpeg.
 
+mod facts;
+
+use self::facts::Facts;
 use super::child::{self, Grey, Output, Said, on_path};
 use super::folder::Folder;
 use crate::job::{Error, Stage, Watcher};
@@ -18,8 +21,12 @@ const FEWEST: usize = 60;
 const APART: f64 = 0.3;
 /// Longest filter in bytes that is an argument, and no file: on Windows, all arguments together have at most 32,767.
 const LONGEST: usize = 8000;
-/// Frames per second of a video that does not say.
-const RATE: f64 = 30.0;
+/// Deinterlaces the frames of an interlaced video; it comes before other filters.
+const DEINTERLACED: &str = "yadif,";
+/// Pictures with square pixels, and with the colours of JPEG files, whose matrix is BT.601's and whose range is full. A pixel's aspect
+/// below 1/4 or above 4 is a mistake of the file: it is ignored.
+const AS_PHOTOS: &str = "scale=w=if(between(sar\\,1/4\\,4)\\,round(iw*sar)\\,iw):h=ih:out_color_matrix=bt601:\
+                         out_range=full,setsar=1";
 
 /// Refuses a file that holds no video, before anything is written for it.
 pub(super) fn check(video: &Path, watcher: &dyn Watcher) -> Result<(), Error> {
@@ -31,8 +38,8 @@ pub(super) fn check(video: &Path, watcher: &dyn Watcher) -> Result<(), Error> {
     let log = tempfile::NamedTempFile::new();
     let log = log.map_err(|source| Error::Write { path: std::env::temp_dir(), source })?;
     match Facts::read(&url(video), log.path(), watcher) {
-        Ok(facts) if facts.is_video => Ok(()),
-        Ok(_) => Err(unusable("it holds no video stream: give another file, or a folder of photos".to_owned())),
+        Ok(Some(_)) => Ok(()),
+        Ok(None) => Err(unusable("it holds no video stream: give another file, or a folder of photos".to_owned())),
         Err(Error::Program { last, .. }) => {
             let said = if last.is_empty() { String::new() } else { format!(" ({last})") };
             Err(unusable(format!("it is empty, cut short, or no video{said}: copy or export it again")))
@@ -51,20 +58,19 @@ fn url(video: &Path) -> String {
 pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn Watcher) -> Result<Vec<String>, Error> {
     let log = folder.log();
     let file = url(video);
-    let facts = Facts::read(&file, &log, watcher)?;
-    if ["arib-std-b67", "smpte2084"].contains(&facts.transfer.as_str()) {
-        watcher.note("the video has a high dynamic range (HLG or PQ): its colours will look flat; record without HDR");
-    }
+    let Some(facts) = Facts::read(&file, &log, watcher)? else { return Ok(Vec::new()) };
+    facts.notes().for_each(|note| watcher.note(note));
+    let (map, before) = (format!("0:{}", facts.stream), if facts.is_interlaced { DEINTERLACED } else { "" });
     let spelling = Spelling::read(&log, watcher)?;
     let ffmpeg = |[option, filter]: [&str; 2], output: &[&str]| -> Vec<String> {
-        let input = ["-hide_banner", "-nostdin", "-loglevel", "error", "-i", &file, "-map", "0:v:0", option, filter];
+        let input = ["-hide_banner", "-nostdin", "-loglevel", "error", "-i", &file, "-map", &map, option, filter];
         let timing = [spelling.timing, "passthrough"];
         [&input[..], &timing, output].concat().into_iter().map(ToOwned::to_owned).collect()
     };
 
     let mut sharpness = Vec::new();
-    let grey = ["-vf", "scale=w='min(640,iw)':h=-2,format=gray"];
-    let small = ffmpeg(grey, &["-f", "image2pipe", "-c:v", "pgm", "-"]);
+    let grey = format!("{before}scale=w='min(640,iw)':h=-2,format=gray");
+    let small = ffmpeg(["-vf", &grey], &["-f", "image2pipe", "-c:v", "pgm", "-"]);
     child::run((FFMPEG, &small), Output::Pictures, &log, watcher, &mut |said| {
         if let Said::Grey(picture) = said {
             sharpness.push(laplacian_variance(&picture));
@@ -73,6 +79,9 @@ pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn 
         }
     })?;
     watcher.progress(Stage::Frames, sharpness.len(), sharpness.len());
+    if let Some(note) = facts.cut_short(&file, &log, watcher)? {
+        watcher.note(&note);
+    }
     let chosen = choose(&sharpness, windows(sharpness.len(), facts.rate, most));
     let unwritten = |source| Error::Write { path: folder.images(), source };
     if chosen.is_empty() {
@@ -82,14 +91,16 @@ pub(super) fn extract(video: &Path, most: usize, folder: &Folder, watcher: &dyn 
     let taken = folder.work().join("frames");
     let _ = fs::remove_dir_all(&taken); // of an interrupted job
     fs::create_dir_all(&taken).map_err(unwritten)?;
-    let select = format!("select={}", one_of(&chosen));
+    let select = format!("{before}select={},{AS_PHOTOS}", one_of(&chosen));
     let (option, filter) = if select.len() > LONGEST {
         let script = child::list(taken.join("filter.txt"), &[select])?;
         (spelling.script, format!("file:{}", script.display()))
     } else {
         ("-vf", select)
     };
-    let pattern = taken.join("%06d.jpg").display().to_string();
+    // A % of the folder's own name is written twice.
+    let within = taken.display().to_string().replace('%', "%%");
+    let pattern = Path::new(&within).join("%06d.jpg").display().to_string();
     let large = ffmpeg([option, &filter], &["-f", "image2", "-q:v", "2", &pattern]);
     child::run((FFMPEG, &large), Output::Text, &log, watcher, &mut |_| ())?;
     let names: Vec<String> = chosen.iter().map(|n| format!("frame_{n:06}.jpg")).collect();
@@ -139,41 +150,6 @@ impl Spelling {
         let timing = if fps_mode { "-fps_mode" } else { "-vsync" };
         let script = if filter_script { "-filter_script:v" } else { "-/filter:v" };
         Ok(Self { timing, script })
-    }
-}
-
-/// ffprobe's facts about a video.
-struct Facts {
-    /// Frames per second.
-    rate: f64,
-    /// Number of frames; 0 if it is not known.
-    frames: usize,
-    /// Transfer characteristics of the colours.
-    transfer: String,
-    /// False if the file has no stream of pictures.
-    is_video: bool,
-}
-
-impl Facts {
-    fn read(file: &str, log: &Path, watcher: &dyn Watcher) -> Result<Self, Error> {
-        let entries = "stream=avg_frame_rate,nb_frames,color_transfer";
-        let words =
-            ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "default=nk=0:nw=1", file];
-        let mut lines = Vec::new();
-        let arguments = words.map(ToOwned::to_owned);
-        child::run((FFPROBE, &arguments), Output::Text, log, watcher, &mut |said| {
-            if let Said::Line(line) = said {
-                lines.push(line);
-            }
-        })?;
-        let value = |key: &str| lines.iter().find_map(|l| l.strip_prefix(key)?.strip_prefix('=')).unwrap_or_default();
-        let rate = value("avg_frame_rate").split_once('/').and_then(|(a, b)| {
-            let rate = a.parse::<f64>().ok()? / b.parse::<f64>().ok()?;
-            (rate.is_finite() && rate > 0.0).then_some(rate)
-        });
-        let frames = value("nb_frames").parse().unwrap_or(0);
-        let is_video = !value("avg_frame_rate").is_empty();
-        Ok(Self { rate: rate.unwrap_or(RATE), frames, transfer: value("color_transfer").to_owned(), is_video })
     }
 }
 

@@ -21,9 +21,11 @@ pub struct Block<'a> {
     pub self_overlaps: Option<&'a [f64]>,
 }
 
-/// S_ii = pi^(3/2) s1 s2 s3 of a Gaussian with these logarithms of scales.
-pub fn self_overlap(log_scales: [f32; 3]) -> f64 {
-    let volume: f64 = log_scales.iter().map(|&s| f64::from(s)).sum();
+/// S_ii = pi^(3/2) s1 s2 s3 of a Gaussian with these logarithms of scales; `dilation` is the standard deviation, in world units, that is
+/// added to every axis in quadrature, 0 for none.
+pub fn self_overlap(log_scales: [f32; 3], dilation: f64) -> f64 {
+    let widened = |log: f64| if dilation > 0.0 { 0.5 * ((2.0 * log).exp() + dilation * dilation).ln() } else { log };
+    let volume: f64 = log_scales.iter().map(|&s| widened(f64::from(s))).sum();
     std::f64::consts::PI.powf(1.5) * volume.exp()
 }
 

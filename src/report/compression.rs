@@ -51,11 +51,18 @@ fn decibels(scores: Option<&Scores>) -> String {
 fn summary(record: &CompressRecord) -> Markup {
     let CompressRecord { input, output, test, time, .. } = record;
     let last = STAGES.iter().rev().find(|(_, of)| of(test).is_some());
-    let (stage, scores) = last.map_or(("no view was held out", None), |(name, of)| (*name, of(test).as_ref()));
+    let (stage, scores) = last.map_or(("", None), |(name, of)| (*name, of(test).as_ref()));
+    let of_what = match stage {
+        "" => "no view was held out",
+        "file" => "of the written file",
+        "before" => "of the original",
+        "pruned" => "of the pruned model",
+        _ => "of the fine-tuned model",
+    };
     let removed = input.gaussians.saturating_sub(output.gaussians);
     tiles(&[
-        ("PSNR", decibels(scores), stage.to_owned()),
-        ("SSIM", decimals(scores.and_then(|s| s.ssim), 4), stage.to_owned()),
+        ("PSNR", decibels(scores), of_what.to_owned()),
+        ("SSIM", decimals(scores.and_then(|s| s.ssim), 4), of_what.to_owned()),
         (
             "Gaussians",
             count(output.gaussians),
@@ -118,7 +125,7 @@ fn search(record: &AimRecord) -> Markup {
         (Text("chosen"), &|point| if point == chosen { "yes" } else { "" }.to_owned()),
     ];
     html! {
-        (facts(&[("asked", asked), ("files tried", count(tried.len())), ("rungs of the format", count(*rungs))]))
+        (facts(&[("target", asked), ("files tried", count(tried.len())), ("rungs of the format", count(*rungs))]))
         p { "A rung is a setting of the format; 0 is the coarsest. PSNR is that of the views by which files are compared." }
         (list(tried, &columns))
     }

@@ -18,7 +18,7 @@ pub fn page(record: &CurveRecord) -> String {
         sections.push(Section("parts", "Where the bytes are", parts(record)));
     }
     if !record.attributes.is_empty() {
-        sections.push(Section("attributes", "What each attribute costs alone", attributes(record)));
+        sections.push(Section("attributes", "Loss from each attribute alone", attributes(record)));
     }
     let [w, h] = record.protocol.image_size;
     let subtitle = format!(
@@ -37,17 +37,20 @@ pub fn drawing(files: &[FileRecord], name: &dyn Fn(&FileRecord) -> String, title
     let mut names: Vec<String> = files.iter().map(name).collect();
     names.sort();
     names.dedup();
+    // The unit that tables have.
+    let small = files.iter().all(|file| file.bytes < 1_000_000);
+    let (unit, title_of_x) = if small { (1e3, "file / kB") } else { (1e6, "file / MB") };
     let points = |line: &String| {
         let mut points: Vec<[f64; 2]> = files
             .iter()
             .filter(|file| name(file) == *line)
-            .filter_map(|file| Some([file.bytes as f64 / 1e6, psnr(&file.scores)?]))
+            .filter_map(|file| Some([file.bytes as f64 / unit, psnr(&file.scores)?]))
             .collect();
         points.sort_by(|a, b| a[0].total_cmp(&b[0]));
         points
     };
     let lines = names.iter().map(|line| Line { name: line, points: points(line) }).collect();
-    let (x, y) = (Axis::log("file / MB"), Axis::new("PSNR / dB"));
+    let (x, y) = (Axis::log(title_of_x), Axis::new("PSNR / dB"));
     Lines { title, x, y, lines, marks: Vec::new() }.drawing()
 }
 
@@ -64,10 +67,11 @@ fn files(record: &CurveRecord) -> Markup {
     list(
         &record.files,
         &[
-            (Text("tool"), &|file| file.tool.clone()),
+            // With hyphens at which lines do not break.
+            (Text("tool"), &|file| file.tool.replace('-', "\u{2011}")),
             (Text("format"), &|file| file.format.clone()),
-            (Number("asked"), &|file| file.wanted.map_or_else(|| NONE.to_owned(), bytes)),
-            (Number("file"), &|file| bytes(file.bytes)),
+            (Number("target size"), &|file| file.wanted.map_or_else(|| NONE.to_owned(), bytes)),
+            (Number("file size"), &|file| bytes(file.bytes)),
             (Number("Gaussians"), &|file| count(file.gaussians)),
             (Number("PSNR / dB"), &told),
             (Number("SSIM"), &|file| decimals(file.scores.ssim, 4)),
@@ -85,7 +89,7 @@ fn parts(record: &CurveRecord) -> Markup {
         }
     }
     let columns: Vec<Column<'_>> =
-        [Text("format"), Number("file")].into_iter().chain(names.iter().map(|name| Number(name))).collect();
+        [Text("format"), Number("file size")].into_iter().chain(names.iter().map(|name| Number(name))).collect();
     let row = |file: &&FileRecord| {
         let part = |name: &&str| {
             let part = file.parts.iter().find(|(known, _)| known == name);
@@ -104,7 +108,7 @@ fn attributes(record: &CurveRecord) -> Markup {
         &record.attributes,
         &[
             (Text("format"), &|loss| loss.format.clone()),
-            (Number("as at"), &|loss| bytes(loss.wanted)),
+            (Number("settings of"), &|loss| bytes(loss.wanted)),
             (Text("attribute"), &|loss| loss.attribute.to_owned()),
             (Number("PSNR / dB"), &|loss| loss.psnr.map_or_else(|| "equal".to_owned(), |psnr| decimals(psnr, 1))),
         ],

@@ -63,6 +63,7 @@ pub fn seconds(s: f64) -> String {
         120.. => format!("{} min {:02} s", whole / 60, whole % 60),
         _ if s >= 10.0 || s == 0.0 => format!("{s:.0} s"),
         _ if s >= 1.0 => format!("{s:.1} s"),
+        _ if (0.0995..0.9995).contains(&(s * 1e3)) => format!("{:.3} ms", s * 1e3),
         _ => format!("{} ms", short(s * 1e3)),
     }
 }
@@ -95,8 +96,8 @@ mod tests {
         );
         assert_eq!([1e-9, f64::NAN].map(short), ["1.0e−9", "–"]);
         assert_eq!(
-            [0.0, 0.012, 3.21, 59.6, 119.0, 125.0, 7300.0, f64::INFINITY].map(seconds),
-            ["0 s", "12 ms", "3.2 s", "60 s", "119 s", "2 min 05 s", "2 h 01 min", "–"]
+            [0.0, 4.424e-4, 0.012, 3.21, 59.6, 119.0, 125.0, 7300.0, f64::INFINITY].map(seconds),
+            ["0 s", "0.442 ms", "12 ms", "3.2 s", "60 s", "119 s", "2 min 05 s", "2 h 01 min", "–"]
         );
         assert_eq!([512, 276_520, 6_100_000, 24_000_000_000].map(bytes), ["0.5 kB", "276.5 kB", "6.1 MB", "24.0 GB"]);
         assert_eq!((decimals(-0.5, 2), decimals(None, 2), percent(1.0, 0.0)), ("−0.50".into(), "–".into(), "–".into()));

@@ -25,7 +25,7 @@ pub enum Error {
         what: String,
     },
     /// The folder holds photos, but no camera poses.
-    #[error("{images} has {}, but {root} has no camera poses{beside}", counted(*photos, "photo"))]
+    #[error("{images} has {}, but {}no camera poses{beside}", counted(*photos, "photo"), owner(root, images))]
     NoPoses {
         root: PathBuf,
         images: PathBuf,
@@ -104,6 +104,11 @@ impl Error {
     pub(crate) fn photo(path: &Path, what: impl Into<String>) -> Self {
         Self::Photo { path: path.to_owned(), what: what.into() }
     }
+}
+
+/// `SCENE has `, if photos do not lie in the scene's folder itself.
+fn owner(root: &Path, images: &Path) -> String {
+    if images == root { String::new() } else { format!("{} has ", root.display()) }
 }
 
 fn known_folders(known: &[String]) -> String {

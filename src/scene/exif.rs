@@ -1,4 +1,6 @@
-//! Camera, exposure and rotation in a photo's EXIF header.
+//! Camera, exposure, rotation and colour profile in a photo's header.
+
+mod profile;
 
 use super::image_size::image_size;
 use super::view::View;

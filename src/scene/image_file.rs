@@ -1,14 +1,16 @@
 //! Files of photos and masks, decoded to bytes.
 
+mod tags;
+
 use std::collections::HashSet;
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read};
+use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, RgbaImage};
 
 use super::error::Error;
-use super::image_size::{jpeg_channels, picture_reader};
+use super::image_size::{Frame, picture_reader};
 use super::jpeg::lacks_data;
 
 /// Decodes a photo or a mask.
@@ -35,13 +37,18 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     if bytes.trim_ascii_start().starts_with(b"<") {
         return Err(Error::photo(path, "is text, perhaps a web page: download the photo again"));
     }
+    let name = path.file_name().unwrap_or_default().display();
+    let convert = || format!("convert it, with ImageMagick: `magick mogrify -format png {name}`");
+    if let Some(kind) = Frame::of(Cursor::new(&bytes)).and_then(|frame| frame.unread()) {
+        return Err(Error::unread(path, format!("is a JPEG {kind}, an encoding that is not read: {}", convert())));
+    }
     let reader = picture_reader(Cursor::new(&bytes)).map_err(|e| Error::io(path, e))?;
-    let (is_known, is_exr) = (reader.format().is_some(), reader.format() == Some(ImageFormat::OpenExr));
+    let format = reader.format();
+    let (is_known, is_exr, is_tiff) =
+        (format.is_some(), format == Some(ImageFormat::OpenExr), format == Some(ImageFormat::Tiff));
     let decoded = reader.decode().map_err(|e| {
         if is_known && matches!(e, image::ImageError::Unsupported(_)) {
-            let name = path.file_name().unwrap_or_default().display();
-            let convert = format!("convert it, with ImageMagick: `magick mogrify -format png {name}`");
-            return Error::unread(path, format!("is in an encoding that is not read ({e}): {convert}"));
+            return Error::unread(path, format!("is in an encoding that is not read ({e}): {}", convert()));
         }
         if is_exr && e.to_string().contains("rgb channels") {
             let save = "save one layer (in Blender as OpenEXR, not OpenEXR MultiLayer)";
@@ -56,27 +63,50 @@ pub(super) fn decode(path: &Path) -> Result<DynamicImage, Error> {
     if bytes.starts_with(&[0xff, 0xd8]) && lacks_data(&bytes) {
         return Err(Error::photo(path, "is a JPEG that is cut short: a part of its data is missing; copy it again"));
     }
-    let decoded = if is_exr { straight(decoded) } else { decoded };
+    let is_whole = || tags::first(&bytes, tags::SAMPLE_FORMAT) != Some(tags::FLOATS);
+    if is_tiff && matches!(decoded, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_)) && is_whole() {
+        return Err(Error::unread(path, "holds whole numbers of 32 bits: save it with 8 or 16 bits"));
+    }
+    let is_multiplied = is_exr || is_tiff && tags::first(&bytes, tags::EXTRA_SAMPLES) == Some(tags::MULTIPLIED);
+    let decoded = if is_multiplied { straight(decoded) } else { decoded };
     if too_bright(&decoded) {
-        let convert = "scale its values to 0 to 1, or save it with 8 or 16 bits".to_owned();
-        return Err(Error::unread(
-            path,
-            format!("holds floats or whole numbers of 32 bits, most of them above 1, which is white: {convert}"),
-        ));
+        let convert = "scale its values to 0 to 1, or save it with 8 or 16 bits";
+        return Err(Error::unread(path, format!("holds floats, most of them above 1, which is white: {convert}")));
     }
     Ok(decoded)
 }
 
-/// OpenEXR's colours are multiplied by alpha; here they are not.
-fn straight(decoded: DynamicImage) -> DynamicImage {
-    let DynamicImage::ImageRgba32F(mut floats) = decoded else { return decoded };
-    for pixel in floats.pixels_mut() {
-        let [r, g, b, a] = pixel.0;
-        if a > 0.0 && a < 1.0 {
-            pixel.0 = [r / a, g / a, b / a, a];
+/// A picture whose colours are not multiplied by alpha, of one whose colours are.
+fn straight(mut decoded: DynamicImage) -> DynamicImage {
+    match &mut decoded {
+        DynamicImage::ImageRgba32F(floats) => {
+            for pixel in floats.pixels_mut() {
+                let [r, g, b, a] = pixel.0;
+                if a > 0.0 && a < 1.0 {
+                    pixel.0 = [r / a, g / a, b / a, a];
+                }
+            }
+        }
+        DynamicImage::ImageRgba8(picture) => divide(picture, 4),
+        DynamicImage::ImageRgba16(picture) => divide(picture, 4),
+        DynamicImage::ImageLumaA8(picture) => divide(picture, 2),
+        DynamicImage::ImageLumaA16(picture) => divide(picture, 2),
+        _ => {}
+    }
+    decoded
+}
+
+/// Divides the colours of pixels, of so many numbers each, by their alpha, which comes last.
+fn divide<T: image::Primitive + Into<u32> + TryFrom<u32>>(numbers: &mut [T], channels: usize) {
+    let white: u32 = T::DEFAULT_MAX_VALUE.into();
+    for pixel in numbers.chunks_exact_mut(channels) {
+        let Some((alpha, colours)) = pixel.split_last_mut() else { continue };
+        let alpha: u32 = (*alpha).into();
+        for colour in colours.iter_mut().filter(|_| alpha > 0) {
+            let multiplied: u32 = (*colour).into();
+            *colour = T::try_from((multiplied * white + alpha / 2) / alpha).unwrap_or(T::DEFAULT_MAX_VALUE);
         }
     }
-    DynamicImage::ImageRgba32F(floats)
 }
 
 /// True for floats most of which would be white.
@@ -115,7 +145,7 @@ pub(super) fn color_type(path: &Path) -> Option<ColorType> {
 /// True if a picture's header announces greys alone, with or without alpha; none if it announces nothing.
 pub(super) fn is_grey(path: &Path) -> Option<bool> {
     // A JPEG's decoder would read the whole file.
-    let jpeg = jpeg_channels(path).map(|channels| channels == 1);
+    let jpeg = File::open(path).ok().and_then(Frame::of).map(|frame| frame.channels == 1);
     jpeg.or_else(|| color_type(path).map(|kind| !kind.has_color()))
 }
 
@@ -126,16 +156,18 @@ pub(super) fn is_indexed(path: &Path) -> bool {
     header.is_ok() && start.starts_with(b"\x89PNG") && start.get(25) == Some(&3)
 }
 
-/// True if a photo's header tells a format that is not read, or, of a TIFF, an encoding that is not.
+/// True if a photo's header tells a format that is not read, or, of a TIFF or JPEG, an encoding that is not.
 pub(super) fn is_unread(path: &Path) -> bool {
+    let Ok(mut file) = File::open(path) else { return false };
     let mut start = Vec::new();
-    if File::open(path).and_then(|file| file.take(16).read_to_end(&mut start)).is_err() {
+    if (&file).take(16).read_to_end(&mut start).is_err() || file.rewind().is_err() {
         return false;
     }
     unread(&start).is_some()
         || match image::guess_format(&start) {
             // A TIFF's header tells its encoding; a JPEG's decoder would read the whole file.
             Ok(ImageFormat::Tiff) => color_type(path).is_none(),
+            Ok(ImageFormat::Jpeg) => Frame::of(file).is_some_and(|frame| frame.unread().is_some()),
             Ok(format) => !format.reading_enabled(),
             Err(_) => false,
         }

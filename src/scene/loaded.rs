@@ -63,7 +63,7 @@ pub(super) fn without_alpha(share: f64) -> Option<String> {
 
 /// A note on photos whose alpha is not used, since parts of other photos' faces are masked.
 pub(super) fn unused_alpha(photos: usize) -> Option<String> {
-    let what = "with alpha that is not used, since parts of other photos' faces are masked: give masks instead";
+    let what = "with alpha that is ignored, because faces cut from other photos are masked in part: give masks instead";
     (photos > 0).then(|| format!("{} {what}", counted(photos, "photo")))
 }
 
@@ -82,7 +82,7 @@ pub(super) fn notes(
         let used = if masked {
             "masked in faces of panoramas and wide fisheyes, as are the parts that these hide"
         } else {
-            "alpha counts, on white unless another background is given"
+            "alpha is used; the background is white unless --background is given"
         };
         format!("{} % of the photos' pixels are transparent: {used}", percent(share, if masked { 2 } else { 1 }))
     });

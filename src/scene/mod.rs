@@ -5,6 +5,7 @@
 //! reads only the photos' headers, for their sizes; [`Scene::load_photos`] decodes them into [`Photo`]s.
 
 pub mod camera;
+mod cover;
 mod decode;
 mod error;
 mod exif;
@@ -62,7 +63,7 @@ pub use view::{Resize, Role, View};
 pub const EVAL_EVERY: usize = 8;
 
 /// A scene with fewer points is trained from random ones.
-pub const FEWEST_POINTS: usize = 10;
+const FEWEST_POINTS: usize = 10;
 
 /// Least distance of a first camera's target in a scene without points, in near planes: 1 unit where that is 3DGS's 0.2.
 const NEAREST_SIGHT: f64 = 5.0;
@@ -185,12 +186,12 @@ fn unusable(view: &View, kind: SceneKind, source: &Path, skipped: &mut Skipped) 
 }
 
 impl Scene {
-    /// A note if the scene has too few points to start training from.
+    /// A note if the scene has too few points to start training from, or they show too little of it.
     pub fn lacks_points(&self) -> Option<String> {
         let said = match self.points.len() {
             0 => "no points".to_owned(),
             few @ 1..FEWEST_POINTS => format!("only {}", counted(few, "point")),
-            _ => return None,
+            _ => format!("the points fall into {:.0} % of the middle photo", 100.0 * self.uncovered()?),
         };
         Some(format!("{said}: training starts from random ones"))
     }

@@ -82,7 +82,7 @@ pub struct Skipped {
     pub repeated_points: usize,
     /// Entries of points' tracks that name no view of the scene.
     pub track_entries: usize,
-    /// Sentences on choices that were made between several files.
+    /// Sentences on choices that were made between several files, and on photos, cameras and poses that need a look.
     pub notes: Vec<String>,
 }
 

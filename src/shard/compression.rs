@@ -92,6 +92,14 @@ impl CompressPlan {
         })
     }
 
+    /// The scene of the photos, if there is one.
+    pub(super) fn scene(&self) -> Option<&PathBuf> {
+        match &self.config.views {
+            ViewSource::Photos(selection) => Some(&selection.scene),
+            ViewSource::OwnPictures { .. } => None,
+        }
+    }
+
     fn evidence(&self) -> impl Iterator<Item = Task> {
         Task::parts(Stage::Evidence, self.chunks)
     }

@@ -49,6 +49,11 @@ fn remove(folder: &Path) -> Result<(), Error> {
     }
 }
 
+/// True if the system refuses to write, and may still read.
+fn is_read_only(cause: &io::Error) -> bool {
+    matches!(cause.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem)
+}
+
 /// State of a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum State {
@@ -153,6 +158,14 @@ impl Shard {
         self.tasks().map(|task| (task, state(task))).collect()
     }
 
+    /// Reads the files of a task.
+    ///
+    /// # Errors
+    /// [`Error::Part`] if one is missing or damaged, or not its own; [`Error::Read`].
+    pub fn check(&self, task: Task) -> Result<(), Error> {
+        self.plan.job.check(&self.files, task)
+    }
+
     /// Runs a task again from its beginning and compares the bytes with those of its files. Returns the files that differ.
     /// Waits while another process runs the task.
     ///
@@ -160,7 +173,11 @@ impl Shard {
     /// As [`Shard::run`]; [`Error::Read`] for files that are not there.
     pub fn verify(&self, session: &Session<'_>, task: Task) -> Result<Vec<PathBuf>, Error> {
         self.has(task)?;
-        let _lock = self.lock(session.watcher, task)?;
+        let _lock = match self.lock(session.watcher, task) {
+            // Who may only read the folder goes without a lock: results are replaced as a whole, if at all.
+            Err(Error::Write { source, .. }) if is_read_only(&source) => None,
+            lock => lock?,
+        };
         // Not the task's own folder: checkpoints of one are not for the other.
         let scratch = self.files.scratch(task).with_extension("verify");
         remove(&scratch)?;
@@ -220,8 +237,7 @@ impl Shard {
         if self.files.outputs(task).iter().any(|path| !path.exists()) {
             return State::Missing;
         }
-        let whole = self.plan.job.check(&self.files, task);
-        whole.map_or_else(|error| State::Damaged(error.to_string()), |()| State::Done)
+        self.check(task).map_or_else(|error| State::Damaged(error.to_string()), |()| State::Done)
     }
 
     /// The files of a task with their contents, in the order of writing; `scratch` is a folder for temporary files.

@@ -4,7 +4,7 @@ use super::compression::CompressPlan;
 use super::files::Files;
 use super::task::{Listed, Task};
 use crate::gaussians::formats::crc32;
-use crate::job::{Error, Output, Session};
+use crate::job::{Error, Exit, Output, Session};
 use crate::shard::blocks::BlockRun;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -64,10 +64,26 @@ impl Job {
         task: Task,
         scratch: &Path,
     ) -> Result<Vec<Vec<u8>>, Error> {
-        match self {
+        let made = match self {
             Self::Compression(job) => job.work(session, files, task),
             Self::Run(job) => job.work(session, files, task, scratch),
-        }
+        };
+        made.map_err(|error| match (Exit::of(&error), self.lost()) {
+            (Exit::BadInput, Some(path)) if !matches!(error, Error::Part { .. }) => {
+                let what = "the plan names this input, which is no longer there".to_owned();
+                Error::Part { path: path.to_owned(), what, task: "plan".to_owned() }
+            }
+            _ => error,
+        })
+    }
+
+    /// The model or scene that the plan names, if it is not there any more.
+    fn lost(&self) -> Option<&Path> {
+        let [model, scene] = match self {
+            Self::Compression(job) => [Some(&job.model), job.scene()],
+            Self::Run(job) => [None, Some(&job.config.scene)],
+        };
+        model.into_iter().chain(scene).find(|path| !path.exists()).map(PathBuf::as_path)
     }
 }
 

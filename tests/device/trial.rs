@@ -32,7 +32,7 @@ fn found(effects: &[synth::Effect], wrong: f64, exposure: Choice) -> (Option<f64
     }
     let start = Start::of(&config, &opened.scene, 64 * 48, &Silent).unwrap();
     let mut prepared = opened.load_to_train(PhotoMemory::default(), &Silent).unwrap();
-    let (mut decisions, _) = decide(&prepared, &config).unwrap();
+    let mut decisions = decide(&prepared, &config).unwrap().0.decisions;
     let undecided = [Effect::Exposure, Effect::Poses].map(|effect| untold(&decisions, effect));
     assert_eq!(undecided, [exposure == Choice::Auto, true], "{decisions:?}");
     let mut random = Random(5);

@@ -2,11 +2,13 @@
 
 use crate::support::runs::config;
 use crate::support::shared;
+use glam::{DVec2, DVec3};
 use qirf_vk::effects::{Decision, Effect, Overrides, is_on};
 use qirf_vk::job::Silent;
-use qirf_vk::pipeline::effects::{decide, examine};
-use qirf_vk::pipeline::prepare;
-use qirf_vk::scene::{OpenOptions, PhotoMemory, Scene};
+use qirf_vk::pipeline::effects::{add_sky, decide, examine};
+use qirf_vk::pipeline::prepare::{self, Prepared};
+use qirf_vk::pipeline::start::Start;
+use qirf_vk::scene::{Misfit, OpenOptions, PhotoMemory, Point, Scene};
 use qirf_vk::synth::{self, SynthOptions, write};
 use std::path::Path;
 
@@ -90,7 +92,7 @@ fn gains_are_those_that_the_photos_were_made_with() {
     write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
     let config = config(folder.path(), 60);
     let prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
-    let (_, gains) = decide(&prepared, &config).unwrap();
+    let gains = decide(&prepared, &config).unwrap().0.gains.believed();
     let made: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.path().join("synth.json")).unwrap()).unwrap();
     let of = |name: &str, c: usize| {
@@ -111,6 +113,111 @@ fn gains_are_those_that_the_photos_were_made_with() {
     let (apart, spread) = ((apart / n).sqrt(), (spread / n).sqrt());
     println!("gains spread by {spread:.4}, found to {apart:.4}");
     assert!(apart < 0.25 * spread, "{apart} {spread}");
+}
+
+/// Photos whose exposures differ much are compared by points without tracks as well; points in one spot are no start, and tell
+/// nothing. Poses are corrected where they do not fit the points, unless another focal length does.
+#[test]
+fn captures_without_tracks_and_with_wrong_poses_tell_what_they_call_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = SynthOptions { views: 24, width: 96, height: 72, points: 3000, ..Default::default() };
+    write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
+    let config = config(folder.path(), 60);
+    let opened = prepare::open_to_train(&config.selection()).unwrap();
+    let mut prepared = opened.load(PhotoMemory::default(), &Silent).unwrap();
+    let (told, advice) = decide(&prepared, &config).unwrap();
+    assert!(advice.is_empty() && !is_on(&told.decisions, Effect::Poses), "{advice:?}");
+    for (zoomed, on) in [((1.0, 2.0), true), ((1.1, 0.1), false)] {
+        for view in &mut prepared.scene.views {
+            view.misfit = Some(Misfit { px: 2.0, diagonal: 120.0, behind: false, reread: [f64::INFINITY; 2], zoomed });
+        }
+        let (told, advice) = decide(&prepared, &config).unwrap();
+        assert_eq!(is_on(&told.decisions, Effect::Poses), on, "{zoomed:?}");
+        assert!(advice.iter().any(|line| line.contains("disagree by 2.0 px")), "{advice:?}");
+    }
+    for point in &mut prepared.scene.points {
+        point.track.clear();
+    }
+    let exposure = |prepared: &Prepared| is_on(&decide(prepared, &config).unwrap().0.decisions, Effect::Exposure);
+    assert!(!exposure(&prepared));
+    let gain = |k: usize| 0.45 + 0.11 * (k % 6) as f32;
+    for (k, photo) in prepared.train.iter_mut().enumerate() {
+        photo.pixels = photo
+            .pixels
+            .read()
+            .unwrap()
+            .iter()
+            .enumerate()
+            .map(|(i, byte)| if i % 4 == 3 { *byte } else { (f32::from(*byte) * gain(k)) as u8 })
+            .collect();
+    }
+    assert!(exposure(&prepared));
+    let gains = decide(&prepared, &config).unwrap().0.gains.believed();
+    let apart: Vec<f32> = gains.iter().enumerate().map(|(k, found)| (found[1] / gain(k)).ln()).collect();
+    let mean = apart.iter().sum::<f32>() / apart.len() as f32;
+    let apart = (apart.iter().map(|a| (a - mean).powi(2)).sum::<f32>() / apart.len() as f32).sqrt();
+    assert!(gains.len() == prepared.train.len() && apart < 0.12, "{apart} {gains:?}");
+    for point in &mut prepared.scene.points {
+        point.position = DVec3::Y * 0.1;
+    }
+    let note = prepared.scene.lacks_points().expect("points in one spot show nothing");
+    assert!(note.contains("fall into 2 % of the middle photo: training starts from random ones"), "{note}");
+    assert!(!exposure(&prepared));
+}
+
+/// A sky without points is found where photos show it, and has its colour; neither points before it nor a background of its colour leave
+/// any.
+#[test]
+fn a_sky_without_points_calls_for_far_ones() {
+    const BLUE: [u8; 3] = [60, 110, 200];
+    let folder = tempfile::tempdir().unwrap();
+    let options = SynthOptions {
+        kind: synth::Kind::Panorama,
+        views: 9,
+        width: 128,
+        height: 64,
+        points: 3000,
+        ..Default::default()
+    };
+    write(folder.path(), &options, &|_| ()).expect("a synthetic scene");
+    let config = config(folder.path(), 60);
+    let mut prepared = prepare::open(&config.selection()).unwrap().load(PhotoMemory::default(), &Silent).unwrap();
+    let found = |prepared: &Prepared| {
+        let told = decide(prepared, &config).unwrap().0;
+        assert_eq!(is_on(&told.decisions, Effect::Sky), !told.sky.is_empty());
+        told.sky
+    };
+    assert!(found(&prepared).is_empty());
+    let up = prepared.scene.up();
+    for photo in &mut prepared.train {
+        let camera = photo.camera.clone();
+        let is_sky = |pixel: usize| {
+            let at = DVec2::new((pixel % camera.width as usize) as f64, (pixel / camera.width as usize) as f64) + 0.5;
+            (camera.rotation.transpose() * camera.ray(at)).normalize().dot(up) > 0.2
+        };
+        let mut pixels = photo.pixels.read().unwrap().to_vec();
+        for (_, pixel) in pixels.chunks_exact_mut(4).enumerate().filter(|(at, _)| is_sky(*at)) {
+            pixel[..3].copy_from_slice(&BLUE);
+        }
+        photo.pixels = pixels.into();
+    }
+    assert!(found(&prepared).is_empty(), "the points lie before it");
+    let middle = prepared.scene.centre(&prepared.scene.split(config.eval_every).train);
+    prepared.scene.points.retain(|point| (point.position - middle).normalize().dot(up) < 0.15);
+    let sky = found(&prepared);
+    // At its edge, a direction may show something else.
+    let right = |p: &&Point| p.colour == BLUE && (p.position - middle).normalize().dot(up) > 0.15;
+    let right = sky.iter().filter(right).count();
+    assert!(right > 100 && 10 * right >= 9 * sky.len(), "{right} of {}", sky.len());
+    let mut decisions = decide(&prepared, &config).unwrap().0.decisions;
+    let points = prepared.scene.points.len();
+    add_sky(&mut decisions, sky.clone(), (&config, &Start::Points(points)), &mut prepared.scene);
+    assert!(is_on(&decisions, Effect::Sky) && prepared.scene.points.len() == points + sky.len());
+    prepared.scene.points.truncate(points);
+    add_sky(&mut decisions, sky, (&config, &Start::Random(100)), &mut prepared.scene);
+    assert!(!is_on(&decisions, Effect::Sky) && prepared.scene.points.len() == points);
+    prepared.background = BLUE.map(|channel| f32::from(channel) / 255.0);
+    assert!(found(&prepared).is_empty());
 }
 
 #[test]

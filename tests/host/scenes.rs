@@ -305,7 +305,10 @@ fn photos_without_poses_are_refused() {
     let scene = tempfile::tempdir().unwrap();
     picture(&scene.path().join("images/a.jpg"), 8, 8);
     let root = scene.path().display().to_string();
-    says(&message(open(scene.path())), &[&format!("{root}/images has 1 photo, but"), "no camera poses"]);
+    says(&message(open(scene.path())), &[&format!("{root}/images has 1 photo, but {root} has no camera poses")]);
+    let flat = tempfile::tempdir().unwrap();
+    picture(&flat.path().join("a.jpg"), 8, 8);
+    says(&message(open(flat.path())), &["has 1 photo, but no camera poses"]);
     let empty = tempfile::tempdir().unwrap();
     says(&message(open(empty.path())), &["sparse/0", "transforms.json", "images"]);
     says(&message(open(&empty.path().join("nowhere"))), &["nowhere", "cannot read"]);

@@ -86,6 +86,8 @@ fn arms_are_compared_at_equal_counts() {
     super::report::works_in_a_browser(&out.join("compare.html"));
     let table = std::fs::read_to_string(out.join("compare.csv")).unwrap();
     assert_eq!(table.lines().count(), 6);
+    let ends: Vec<&str> = table.lines().filter_map(|line| line.rsplit(',').next()).collect();
+    assert!(ends[..2] == ["tie", ""] && ends[2..].iter().all(|tie| ["true", "false"].contains(tie)), "{table}");
 
     let model = |name: &str| std::fs::metadata(out.join("arms").join(name).join("model.ply")).unwrap().modified();
     let before = model("importance").unwrap();

@@ -339,6 +339,11 @@ pub fn works_in_a_browser(page: &Path) {
     // Each button brings another picture to its side.
     let buttons = "[...document.querySelectorAll('.compare button')].every((b) => { b.click(); return b.ariaPressed === 'true' })";
     assert_eq!(browser.value(buttons), serde_json::json!(true), "{url}");
+    // On paper nothing scrolls, and the background is white.
+    browser.call("Emulation.setEmulatedMedia", &serde_json::json!({ "media": "print" }));
+    let whole = "[...document.querySelectorAll('.table')].every((t) => getComputedStyle(t).overflow === 'visible') && \
+        getComputedStyle(document.body).backgroundColor === 'rgb(255, 255, 255)'";
+    assert_eq!(browser.value(whole), serde_json::json!(true), "{url}");
     assert_eq!(browser.complaints, Vec::<String>::new());
     let foreign: Vec<_> = browser.requests.iter().filter(|r| **r != url && !r.starts_with("data:")).collect();
     assert!(foreign.iter().all(|r| *r == "about:blank"), "{foreign:?}");

@@ -242,7 +242,7 @@ fn a_run_from_an_antialiased_model_is_antialiased() {
     formats::write(&smooth, &few, RenderMode::AntiAliased).unwrap();
     for (more, antialias, says) in [
         (&[][..], true, "anti-aliased, and so is the run"),
-        (&["--antialias=off"], false, "by its file it is anti-aliased; the run is plain, as requested"),
+        (&["--antialias=off"], false, "tagged as anti-aliased; the run is plain, as requested"),
         (&["--effect", "antialias=off"], false, "the run is plain"),
         (&["--antialias", "--dilation", "0.3"], true, ""),
     ] {

@@ -254,7 +254,7 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     let job = ["shard", "plan", "compress", "ball.ply", "-o", "c d", "--selector", "css", "--detail", "0.9"];
     let said = stage.works(&[&job[..], &OPTIONS].concat()).said;
     assert!(said.contains("--detail 0.9 would reserve ") && said.contains(" are reserved, a fifth of the "), "{said}");
-    assert!(said.contains("qirf-vk shard all 'c d', or snakemake -d 'c d' "), "{said}");
+    assert!(said.contains("qirf-vk shard all 'c d', or snakemake -d 'c d' -s 'c d"), "{said}");
     fs::create_dir(stage.path("b/evidence")).unwrap();
     for n in ["0000", "0001", "0002"] {
         let part = format!("evidence/{n}.safetensors");
@@ -275,6 +275,9 @@ fn damaged_and_foreign_parts_are_named_and_made_again() {
     fs::remove_file(a.join("evidence/0000.safetensors")).unwrap();
     flip(&stage.path("ball.ply"), 5000);
     stage.refused(3, &["ball.ply", "has changed"], &["shard", "all", "a"]);
+    fs::rename(stage.path("ball.ply"), stage.path("moved.ply")).unwrap();
+    stage.refused(3, &["ball.ply: the plan names this input", "restore ", "plan again"], &["shard", "all", "a"]);
+    stage.refused(3, &["b/evidence holds no plan: `qirf-vk shard plan`"], &["shard", "status", "b/evidence"]);
     let plan = fs::read_to_string(stage.path("b/plan.json")).unwrap();
     fs::write(stage.path("b/plan.json"), plan.replace("0.3", "0.4")).unwrap();
     stage.refused(3, &["plan.json", "one of them was changed"], &["shard", "status", "b"]);
@@ -302,12 +305,26 @@ fn crc(bytes: &[u8]) -> u32 {
 fn work_is_verified_by_doing_it_again() {
     let stage = Stage::new();
     stage.plan("v");
+    stage.refused(2, &["no task is done", "run `qirf-vk shard all v` first"], &["shard", "verify", "v"]);
     stage.refused(3, &["choose is not done; run `qirf-vk shard task v choose`"], &["shard", "task", "v", "report"]);
     stage.works(&["shard", "all", "v"]);
     let told = stage.works(&["shard", "verify", "v", "--share", "1"]).out;
     assert!(told.contains("5 of 5 tasks repeated: the bytes are the same (report is not repeated"), "{told}");
 
     let path = stage.path("v/score/0000.json");
+    let whole = fs::read(&path).unwrap();
+    flip(&path, whole.len() / 2);
+    stage.refused(3, &["score/0000.json: ", "delete "], &["shard", "verify", "v", "--share", "0.1"]);
+    fs::write(&path, whole).unwrap();
+    #[cfg(target_os = "linux")]
+    {
+        // A folder that cannot be written, not even by root, in place of that of the locks.
+        fs::rename(stage.path("v/locks"), stage.path("locks")).unwrap();
+        std::os::unix::fs::symlink("/sys", stage.path("v/locks")).unwrap();
+        stage.works(&["shard", "verify", "v", "--share", "0.1"]);
+        fs::remove_file(stage.path("v/locks")).unwrap();
+    }
+
     reseal(&path, |scores| scores[0]["scores"]["pruned"]["ssim"] = 0.123.into());
     assert_eq!(stage.status("v", "score/0000"), "done", "the seal holds");
     stage.refused(3, &["score/0000.json", "1 of 5 tasks gave other bytes"], &["shard", "verify", "v", "--share", "1"]);

@@ -180,6 +180,18 @@ fn what_cannot_be_swept_is_refused() {
     for (arguments, code) in cases {
         assert!(!sweep(arguments).with(code, &[]).said.is_empty());
     }
+    for (option, value) in [
+        ("--epsilon", "0.5"),
+        ("--keep", "0.9"),
+        ("--selector", "css"),
+        ("--schedule", "gradual"),
+        ("--iterations", "50"),
+        ("--grow-to", "99"),
+    ] {
+        sweep(&[&scene, "-o", &to, "--axis", "epsilon", option, value]).with(2, &[option, "no effect on light axes"]);
+    }
+    let model = "tools/examples/ring.ply";
+    sweep(&[model, "-o", &to, "--axis", "stop", "--seed", "5"]).with(2, &["read only --background"]);
     assert_eq!(std::fs::read_to_string(&earlier).unwrap(), "of an earlier sweep");
 }
 

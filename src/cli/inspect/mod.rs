@@ -1,6 +1,5 @@
 //! `qirf-vk inspect MODEL|SCENE`.
 
-mod doubts;
 mod model;
 mod scene;
 

@@ -1,6 +1,6 @@
 //! Contents of a scene: views, cameras, points, skipped parts, and the split.
 
-use super::doubts::Doubts;
+use crate::effects::Doubts;
 use crate::job::{Error, Output};
 use crate::pipeline::effects;
 use crate::pipeline::prepare::refuse_photo_folders;
@@ -38,6 +38,22 @@ fn rotated(scene: &Scene) -> Option<String> {
     (count > 0).then(|| {
         format!(
             "{photos} with an EXIF rotation, which is ignored, as in COLMAP: poses must be those of the stored pixels"
+        )
+    })
+}
+
+/// A note on photos whose colours are not those of sRGB.
+fn coloured_otherwise(scene: &Scene) -> Option<String> {
+    let mut photos: Vec<&View> = scene.views.iter().collect();
+    photos.dedup_by(|a, b| a.image == b.image);
+    let profiles: Vec<String> = photos.par_iter().filter_map(|photo| photo.foreign_profile()).collect();
+    let names = Vec::from_iter(profiles.iter().map(String::as_str).collect::<BTreeSet<&str>>());
+    (!profiles.is_empty()).then(|| {
+        format!(
+            "{} with a colour profile other than sRGB ({}), whose colours are used as stored, as if they were sRGB; to convert copies: \
+             `magick mogrify -profile sRGB.icc *.jpg`",
+            counted(profiles.len(), "photo"),
+            names.join(", ")
         )
     })
 }
@@ -95,7 +111,8 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
         "train_views": held.train.len(),
         "test_views": held.test.len(),
         "skipped": skipped.summary(),
-        "advice": doubts.advice().into_iter().chain(scene.lacks_points()).chain(rotated(&scene)).collect::<Vec<_>>(),
+        "advice": doubts.advice().into_iter().chain(scene.lacks_points()).chain(rotated(&scene))
+            .chain(coloured_otherwise(&scene)).collect::<Vec<_>>(),
         "effects": decisions,
     });
     Ok(joined([facts, doubts.fields(), decided]))

@@ -18,6 +18,11 @@ use std::path::Path;
 /// Advice on `error`, as a clause that follows its cause; `None` if the cause is enough.
 pub(super) fn remedy(error: &Error) -> Option<String> {
     match error {
+        Error::Read { path, source }
+            if path.ends_with("plan.json") && source.kind() == io::ErrorKind::NotFound && folder_of(path).is_dir() =>
+        {
+            Some(unplanned(folder_of(path)))
+        }
         Error::Read { source, .. } => readable(source),
         Error::Write { source, .. } => writable(source),
         Error::Device(e) => device(e),
@@ -89,6 +94,12 @@ pub(super) fn remedy(error: &Error) -> Option<String> {
         }
         Error::Config { .. } | Error::Edit(_) | Error::Usage(_) | Error::Print(_) | Error::Interrupted => None,
     }
+}
+
+/// Advice on a folder without the plan of a divided job.
+fn unplanned(folder: &Path) -> String {
+    let what = if is_run(folder) { "is the folder of a run, and holds no plan" } else { "holds no plan" };
+    format!("{} {what}: `qirf-vk shard plan` writes one", folder.display())
 }
 
 /// Advice on a file of a divided job, which a task wrote or was to write, or on the job's folder.
@@ -311,6 +322,8 @@ mod tests {
             assert_eq!(remedy(&nowhere).as_deref(), Some("choose another path"));
         }
         says(Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["check the path"]);
+        let unplanned = Error::Read { path: path().join("plan.json"), source: io::ErrorKind::NotFound.into() };
+        says(unplanned, &["a b/c holds no plan: `qirf-vk shard plan` writes one"]);
         says(Error::NothingToTrainOn(path()), &["larger --eval-every"]);
         says(Error::NothingHeldOut(path()), &["--eval-every 1"]);
         says(Error::OtherRun { folder: path(), changes: Vec::new() }, &["--config 'a b/c/config.toml'", "-o"]);

@@ -9,24 +9,24 @@ use crate::extension::has_extension;
 use crate::gaussians::Gaussians;
 use crate::wording::counted;
 
-/// The format of the model in a file of this name, and the greatest magnitude of SH coefficients above band 0 that it stores; none if it
-/// stores any.
-fn limit(path: &Path) -> Option<(Format, f32)> {
+/// The format of the model in a file of this name, and the greatest magnitudes of SH coefficients that it stores, in band 0 and above it;
+/// none if it stores any.
+fn limits(path: &Path) -> Option<(Format, [f32; 2])> {
     // A page contains an SPZ.
     let format = if has_extension(path, &["html"]) { Some(Format::Spz) } else { written_as(path) };
     match format? {
-        Format::Spz => Some((Format::Spz, spz::SH_LIMIT)),
-        Format::CompressedPly => Some((Format::CompressedPly, ply::SH_LIMIT)),
+        Format::Spz => Some((Format::Spz, spz::SH_LIMITS)),
+        Format::CompressedPly => Some((Format::CompressedPly, [f32::INFINITY, ply::SH_LIMIT])),
         _ => None,
     }
 }
 
-/// The number of Gaussians with an SH coefficient above band 0 that is cut off in a file of this name: a model file, or a page.
+/// The number of Gaussians with an SH coefficient that is cut off in a file of this name: a model file, or a page.
 pub fn clipped(path: &Path, model: &Gaussians) -> usize {
-    let Some((_, most)) = limit(path) else { return 0 };
+    let Some((_, limits)) = limits(path) else { return 0 };
     let is_clipped = |i: &usize| {
-        model.sh.iter().enumerate().skip(1).any(|(l, band)| {
-            let width = Gaussians::band_width(l);
+        model.sh.iter().enumerate().any(|(l, band)| {
+            let (width, most) = (Gaussians::band_width(l), limits[usize::from(l > 0)]);
             band.get(i * width..(i + 1) * width).is_some_and(|row| row.iter().any(|value| value.abs() > most))
         })
     };
@@ -65,10 +65,11 @@ pub fn size_warning(path: &Path, gaussians: usize) -> Option<String> {
 
 /// The warning of a file in which the colours of `gaussians` Gaussians are cut off, as [`clipped()`] counts them; none if there are none.
 pub fn clip_warning(path: &Path, gaussians: usize) -> Option<String> {
-    let (format, most) = limit(path).filter(|_| gaussians > 0)?;
+    let (format, [colours, above]) = limits(path).filter(|_| gaussians > 0)?;
+    let colours = if colours.is_finite() { format!(" (+-{colours:.1} in band 0)") } else { String::new() };
     let (have, their) = if gaussians == 1 { ("has", "its") } else { ("have", "their") };
     Some(format!(
-        "{}: {} {have} spherical harmonics beyond the +-{most} that {format} stores; {their} colours are cut off; \
+        "{}: {} {have} spherical harmonics beyond the +-{above} that {format} stores{colours}; {their} colours are cut off; \
          .sog and uncompressed .ply files keep them",
         path.display(),
         counted(gaussians, "Gaussian")

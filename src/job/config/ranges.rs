@@ -7,10 +7,10 @@ use crate::gaussians::MAX_SH_DEGREE;
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::partition::Partition;
 use crate::qirf::select::budget::Keep;
-use crate::qirf::study::Overlap;
+use crate::qirf::study::{Basis, Overlap};
 use crate::render::Style;
 use crate::train::schedule::Schedule;
-use std::fmt::Display;
+use std::fmt::{Display, LowerExp};
 use std::ops::RangeInclusive;
 
 /// Longest run.
@@ -27,11 +27,29 @@ pub const SHARE: RangeInclusive<f64> = 0.0..=1.0;
 pub const WEIGHT: RangeInclusive<f64> = 0.0..=1e6;
 
 /// Refuses a value outside its range, and NaN.
-pub fn within<T: Copy + PartialOrd + Display>(field: &str, value: T, range: &RangeInclusive<T>) -> Result<(), String> {
+pub fn within<T: Copy + PartialOrd + Display + LowerExp>(
+    field: &str,
+    value: T,
+    range: &RangeInclusive<T>,
+) -> Result<(), String> {
     if range.contains(&value) {
         return Ok(());
     }
-    Err(format!("{field} = {value}: write a number from {} to {}", range.start(), range.end()))
+    let shown = |number: &T| {
+        let digits = number.to_string();
+        if digits.len() > 10 { format!("{number:e}") } else { digits }
+    };
+    Err(format!("{field} = {}: write a number from {} to {}", shown(&value), shown(range.start()), shown(range.end())))
+}
+
+/// Checks that a solver takes the overlaps.
+pub fn overlap(basis: &Basis) -> Result<(), String> {
+    if (basis.solver, basis.overlap) == (Eigensolver::Device, Overlap::Raw) {
+        return Err("prune.compression.basis.overlap = \"raw\": the solver \"device\" takes normalised overlaps alone; write another \
+                    solver, such as \"low-rank\""
+            .to_owned());
+    }
+    Ok(())
 }
 
 /// Checks every number of a configuration.
@@ -116,7 +134,8 @@ fn pruning(p: &Pruning) -> Result<(), String> {
     compression(&p.compression)
 }
 
-fn compression(c: &PruneRule) -> Result<(), String> {
+/// Checks the numbers of a choice of Gaussians, and that its solver knows its overlaps. Errors name fields of `config.toml`.
+pub fn compression(c: &PruneRule) -> Result<(), String> {
     match c.keep {
         Keep::Paper { kappa } => within("prune.compression.keep.paper.kappa", kappa, &SHARE)?,
         Keep::Share(share) => within("prune.compression.keep.share", share, &(1e-9..=1.0))?,
@@ -129,11 +148,7 @@ fn compression(c: &PruneRule) -> Result<(), String> {
     {
         within(&format!("prune.compression.basis.{field}"), value, range)?;
     }
-    if (b.solver, b.overlap) == (Eigensolver::Device, Overlap::Raw) {
-        return Err("prune.compression.basis.overlap = \"raw\": the solver \"device\" takes normalised overlaps alone; write another \
-                    solver, such as \"low-rank\""
-            .to_owned());
-    }
+    overlap(b)?;
     let field = "prune.compression.basis.partition";
     match b.partition {
         Partition::Paper { voxel, cap } => {
@@ -161,6 +176,10 @@ mod tests {
             let gradual = Pruning::gradual();
             assert_eq!(check(&run.pruned(gradual)), Ok(()));
         }
+        // The usual multiple of this number is beyond the largest one.
+        let many = PruneRule { keep: Keep::Count(30_000_000), ..PruneRule::default() };
+        let run = RunConfig::sample(Preset::Standard).pruned(Pruning { compression: many, ..Pruning::default() });
+        assert_eq!(check(&run), Ok(()));
     }
 
     #[test]

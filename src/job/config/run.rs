@@ -2,6 +2,7 @@
 
 use super::method::MethodConfig;
 use super::pruning::Pruning;
+use super::ranges::MOST_GAUSSIANS;
 use crate::effects::{Choice, Effect, Overrides};
 use crate::gaussians::MAX_SH_DEGREE;
 use crate::gpu::Tuning;
@@ -39,13 +40,14 @@ impl Preset {
     }
 
     /// The preset's decisions on effects; all others are left to the scene. No anti-aliasing, since viewers draw plain
-    /// models by default. The paper's preset has degree 3, no exposures, no dropout, and cameras as they are given.
+    /// models by default. The paper's preset has degree 3, no exposures, no dropout, no sky, and cameras as they are given.
     pub fn effects(self) -> Overrides {
         let mut out = Overrides::default();
         out.set(Effect::Antialias, Choice::Off);
         if self == Self::Paper {
             out.set(Effect::Poses, Choice::Off);
             out.set(Effect::Dropout, Choice::Off);
+            out.set(Effect::Sky, Choice::Off);
             out.set(Effect::ViewDependence, Choice::On);
             out.set(Effect::Exposure, Choice::Off);
         }
@@ -235,7 +237,7 @@ impl RunConfig {
             self.schedule.densify_until = self.schedule.densify_until.min(*first);
         }
         if let (Some(plan), Keep::Count(count)) = (&mut self.schedule.growth, pruning.compression.keep) {
-            plan.least = Some((count as f64 / Keep::SHARE).ceil() as usize);
+            plan.least = Some(((count as f64 / Keep::SHARE).ceil() as usize).min(MOST_GAUSSIANS));
         }
         self.prune = Some(pruning);
         self

@@ -36,7 +36,7 @@ pub struct RunRecord {
     pub views: Vec<ViewScores>,
     /// Errors of the held-out views' cameras; null without any.
     pub camera_errors: Option<CameraErrors>,
-    /// Pictures per second at the test views' size, rendering alone.
+    /// Pictures per second, rendering alone, of up to 20 views at their own sizes.
     pub frames_per_second: Option<f64>,
     /// Bytes of `model.ply`, or of the file that was evaluated.
     #[serde(rename = "ply_bytes")]

@@ -55,12 +55,10 @@ fn figures(compared: &CompareRecord) -> Markup {
             (Text("arm"), &|a| a.name.clone()),
             (Number("PSNR / dB"), &|a| decimals(a.psnr, 2)),
             (Number("deviation / dB"), &|a| decimals(a.psnr_spread, 2)),
-            (Number("difference / dB"), &|a| {
-                a.paired.map_or_else(String::new, |p| format!("{p}{}", if p.tie { " (tie)" } else { "" }))
-            }),
+            (Number("difference / dB"), &|a| a.paired.map_or_else(String::new, |p| p.to_string())),
             (Number("SSIM"), &|a| decimals(a.ssim, 4)),
             (Number("LPIPS"), &|a| decimals(a.lpips_vgg, 4)),
-            (Number("right after the prune / dB"), &|a| decimals(a.psnr_pruned, 2)),
+            (Number("after the prune / dB"), &|a| decimals(a.psnr_pruned, 2)),
             (Number("Gaussians"), &|a| count(a.gaussians)),
             (Number("removed"), &|a| percent(a.removed, 1.0)),
             (Number("PLY"), &|a| bytes(a.ply_bytes)),
@@ -73,8 +71,8 @@ fn figures(compared: &CompareRecord) -> Markup {
         @if let Some(first) = compared.arms.first().filter(|_| compared.arms.iter().any(|a| a.paired.is_some())) {
             p {
                 "Difference: mean PSNR minus that of " (first.name) ", over the same views with the same seeds, ± its standard error \
-                 (the larger of those over views and over seeds). It counts only if it exceeds Student's t (95 %) times its standard \
-                 error over views and, with several seeds, over seeds; otherwise the two are a tie."
+                 (the larger of those over views and over seeds). An arm counts as different only if its difference exceeds Student's t (95 %) times the \
+                 standard error, over views and, with several seeds, also over seeds. Otherwise the arms tie."
                 @if compared.seeds.len() < 2 {
                     " Only one seed was trained: differences are over views only; another seed may differ."
                 }

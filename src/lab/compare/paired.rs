@@ -46,10 +46,10 @@ impl Sample {
 }
 
 impl fmt::Display for Paired {
-    /// Writes the difference as `+0.25±0.03`, in dB.
+    /// Writes the difference as `+0.25±0.03`, in dB, and as `+0.05±0.19 (tie)` if it does not count.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let error = self.error.map_or_else(String::new, |error| format!("±{error:.2}"));
-        write!(f, "{:+.2}{error}", self.difference)
+        write!(f, "{:+.2}{error}{}", self.difference, if self.tie { " (tie)" } else { "" })
     }
 }
 
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(Paired::of(&arm(&[&[]]), &arm(&[&[]])), None);
         let one = Paired::of(&arm(&[&[31.0]]), &arm(&[&[30.0]])).unwrap();
         assert_eq!((one.difference, one.error, one.tie), (1.0, None, true));
-        assert_eq!(one.to_string(), "+1.00");
+        assert_eq!(one.to_string(), "+1.00 (tie)");
         let infinite = arm(&[&[f64::INFINITY, 30.0, 31.0]]);
         assert_eq!(Paired::of(&infinite, &infinite).map(|p| p.difference), Some(0.0));
     }

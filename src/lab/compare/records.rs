@@ -157,13 +157,14 @@ impl CompareRecord {
     pub fn csv(&self) -> String {
         let cell = |v: Option<f64>| v.filter(|v| v.is_finite()).map(|v| v.to_string()).unwrap_or_default();
         let mut text = "name,psnr,psnr_spread,ssim,lpips_vgg,gaussians,removed,ply_bytes,fps,seconds,psnr_pruned,\
-             difference,difference_error\n"
+             difference,difference_error,tie\n"
             .to_owned();
         for a in &self.arms {
             let scores = [a.psnr, a.psnr_spread, a.ssim, a.lpips_vgg].map(cell).join(",");
             text += &format!("{},{scores},{},{:.4},{},", a.name, a.gaussians, a.removed, a.ply_bytes);
             let [difference, error] = [a.paired.map(|p| p.difference), a.paired.and_then(|p| p.error)].map(cell);
-            text += &format!("{},{:.1},{},{difference},{error}\n", cell(a.fps), a.seconds, cell(a.psnr_pruned));
+            let tie = a.paired.map_or_else(String::new, |p| p.tie.to_string());
+            text += &format!("{},{:.1},{},{difference},{error},{tie}\n", cell(a.fps), a.seconds, cell(a.psnr_pruned));
         }
         text
     }

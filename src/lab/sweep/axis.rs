@@ -153,7 +153,7 @@ pub static AXES: &[Axis] = &[
     },
     Axis {
         name: "culling",
-        title: "Tiles that list a Gaussian",
+        title: "Culling: the tiles that a Gaussian is added to",
         accuracy: "largest error of a pixel",
         against: "every Gaussian in every tile",
         time: "ms per frame",
@@ -167,7 +167,7 @@ pub static AXES: &[Axis] = &[
     },
     Axis {
         name: "stop",
-        title: "Transmittance at which a pixel is done",
+        title: "Transmittance at which blending stops",
         accuracy: "PSNR / dB",
         better: Better::Higher,
         against: "blending every Gaussian, however little light is left",

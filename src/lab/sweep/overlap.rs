@@ -231,8 +231,8 @@ pub fn measure(context: &Context<'_>, rungs: &[Rung<Formula>], mut axis: AxisRec
     extra(&mut axis);
     let entries: usize = blocks.iter().map(|b| triangle(b.len())).sum();
     axis.notes.push(format!(
-        "{count} pairs within {} blocks ({entries} entries); {:.1} % are pairs of two thin Gaussians. The float64 rung runs on \
-         all threads of the host and, as a twin kept simple, prepares each Gaussian anew for every pair.",
+        "{count} pairs within {} blocks ({entries} entries); {:.1} % are pairs of two thin Gaussians. The float64 rung runs on all \
+         threads of the host, and recomputes each Gaussian for every pair, because the reference code is kept simple.",
         blocks.len(),
         100.0 * thin as f64 / count.max(1) as f64
     ));

@@ -25,7 +25,7 @@ fn summary(swept: &SweepRecord) -> Markup {
     let mut told = vec![("device", format!("{} ({})", swept.device.info.name, swept.device.info.driver))];
     if s.gaussians > 0 {
         told.push(("model of the light axes", format!("{} Gaussians, SH degree {}", count(s.gaussians), s.degree)));
-        told.push(("views", format!("{} of {} x {}", s.views, s.size[0], s.size[1])));
+        told.push(("views", format!("{} of {} × {} pixels", s.views, s.size[0], s.size[1])));
     }
     told.push(("host threads", swept.host_threads.to_string()));
     told.push(("total time", seconds(swept.seconds)));
@@ -98,14 +98,25 @@ fn plot(record: &AxisRecord) -> Markup {
     Front { title: axis.title, x, y, legend: &legend, points }.drawing().figure()
 }
 
+/// A column of times, with their unit, the first word of the axis's.
+fn of_time(name: &str, record: &AxisRecord) -> String {
+    format!("{name} / {}", record.axis.time.split(' ').next().unwrap_or_default())
+}
+
+/// A measured number with the minus sign of the other tables.
+fn minus(number: &str) -> String {
+    number.replace('-', "−")
+}
+
 fn rungs(record: &AxisRecord) -> Markup {
+    let [time, quartiles] = ["time", "quartiles"].map(|name| of_time(name, record));
     list(
         &record.rungs,
         &[
             (Text("rung"), &|r| r.name.clone()),
-            (Number("time"), &|r| r.time.map_or(NONE.into(), |t| short(t.median))),
-            (Number("quartiles"), &|r| r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3)))),
-            (Number("accuracy"), &|r| record.shown(r)),
+            (Number(&time), &|r| r.time.map_or(NONE.into(), |t| short(t.median))),
+            (Number(&quartiles), &|r| r.time.map_or(NONE.into(), |t| format!("{} to {}", short(t.q1), short(t.q3)))),
+            (Number("accuracy"), &|r| minus(&record.shown(r))),
             (Text(""), &|r| r.mark().to_owned()),
         ],
     )
@@ -130,10 +141,9 @@ fn figures(record: &AxisRecord) -> Markup {
     names.sort_unstable();
     names.dedup();
     let titles: Vec<String> = names.iter().map(|n| heading(n)).collect();
-    let columns: Vec<Column<'_>> = [Text("rung"), Number("rounds"), Number("host's clock")]
-        .into_iter()
-        .chain(titles.iter().map(|t| Number(t)))
-        .collect();
+    let clock = of_time("host's clock", record);
+    let columns: Vec<Column<'_>> =
+        [Text("rung"), Number("rounds"), Number(&clock)].into_iter().chain(titles.iter().map(|t| Number(t))).collect();
     let value = |v: f64| if (0.01..100.0).contains(&v.abs()) { decimals(v, 4) } else { short(v) };
     let row = |r: &RungRecord| {
         let cells = names.iter().map(|n| r.figures.get(n).map_or(NONE.into(), |v| value(*v)));
@@ -147,8 +157,10 @@ fn figures(record: &AxisRecord) -> Markup {
 fn details(t: &Table) -> Markup {
     let column = |(k, title): (usize, &&'static str)| if k == 0 { Text(title) } else { Number(title) };
     let columns: Vec<Column<'_>> = t.columns.iter().enumerate().map(column).collect();
+    let cell = |(k, cell): (usize, &String)| if k == 0 { cell.clone() } else { minus(cell) };
+    let rows: Vec<Vec<String>> = t.rows.iter().map(|row| row.iter().enumerate().map(cell).collect()).collect();
     html! {
         h3 { (t.title) }
-        (table(&columns, &t.rows, None))
+        (table(&columns, &rows, None))
     }
 }

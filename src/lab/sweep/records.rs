@@ -220,13 +220,13 @@ impl AxisRecord {
         });
         if let Some((rung, _)) = next {
             return format!(
-                "{} is the next rung more exact than the default, {}: it {}, and its accuracy ({}) changes from {} to {}.",
-                rung.name,
+                "The next rung that is more exact than the default, {}, is {}: it {}, and its accuracy ({}) is {} instead of {}.",
                 default.name,
+                rung.name,
                 self.change(rung, default),
                 self.axis.accuracy,
-                self.shown(default),
                 self.shown(rung),
+                self.shown(default),
             );
         }
         let from = default.seconds().unwrap_or(f64::NAN);
@@ -342,8 +342,8 @@ mod tests {
     fn the_front_and_what_exactness_costs() {
         let axis = axis(&[("0", 9.0, 0.0), ("1e-4", 4.0, 0.1), ("1e-3", 5.0, 0.2), ("1e-2", 3.0, 0.4)]);
         assert_eq!(axis.rungs.iter().map(|r| r.front).collect::<Vec<_>>(), [true, true, false, true]);
-        let said = "0 is the next rung more exact than the default, 1e-4: it takes 2.2 times as long (9.00 instead of 4.00 ms \
-                    to assemble and solve the scene), and its accuracy (Jaccard distance of the kept set) changes from 0.1000 to 0.";
+        let said = "The next rung that is more exact than the default, 1e-4, is 0: it takes 2.2 times as long (9.00 instead of 4.00 ms \
+                    to assemble and solve the scene), and its accuracy (Jaccard distance of the kept set) is 0 instead of 0.1000.";
         assert_eq!(axis.sentence, said);
         assert!(axis.flat.is_empty());
     }

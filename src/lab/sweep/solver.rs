@@ -178,7 +178,7 @@ fn by_size(
 ) -> Result<(), Error> {
     let mut table = Table {
         title:
-            "By members of a block, one block at a time on one thread: microseconds, and the set kept against low-rank's"
+            "By block size, one block at a time on one thread: time in µs, agreement of the kept set with low-rank's"
                 .to_owned(),
         columns: vec![
             "rung",
@@ -219,8 +219,8 @@ fn by_size(
     }
     axis.tables.push(table);
     axis.notes.push(format!(
-        "The set kept is the first {} % of a block by q, scores rounded to 12 bits as the engine rounds them (on the device: blocks \
-         that fail in float32 are the host's, and have its answer).",
+        "The set kept is the first {} % of a block by q, scores rounded to 12 bits as the engine rounds them (blocks that fail in \
+         float32 on the device are solved by the host).",
         KAPPA.0
     ));
     Ok(())

@@ -71,7 +71,7 @@ impl ActiveRun<'_> {
         if let Some(best) = record.past_best() {
             let CurvePoint { iteration, psnr, gaussians, .. } = best;
             watcher.note(&format!(
-                "the run was past its best: held-out photos had {psnr:.2} dB after iteration {iteration}, with {gaussians} Gaussians"
+                "the run was past its best: the PSNR of held-out photos was highest, {psnr:.2} dB, after iteration {iteration}, with {gaussians} Gaussians"
             ));
         }
         Output::json(&output.metrics(), "metrics.json", &record)?;

@@ -32,9 +32,13 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
     let of_aim = match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
         Some((Aim::Bytes(size), _)) if output.gaussians == input.gaussians && 20 * output.bytes < 19 * size => {
             let [own, size] = [output.bytes, size].map(|bytes| megabytes(bytes as f64, 1));
-            Some(Remark::Note(format!(
-                "the whole model takes {own} in this format: no larger file, up to {size}, is better"
-            )))
+            let is_finest = aim.as_ref().is_some_and(|aim| aim.chosen.rung + 1 == aim.rungs);
+            let other = if is_finest {
+                format!("no larger file, up to {size}, is better")
+            } else {
+                format!("no better file of up to {size} was found")
+            };
+            Some(Remark::Note(format!("the whole model takes {own} in this format: {other}")))
         }
         Some((Aim::Bytes(size), _))
             if output.gaussians < input.gaussians
@@ -48,7 +52,7 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
             )))
         }
         Some((Aim::Psnr(wanted), Some(psnr))) if psnr < wanted => Some(Remark::Warning(format!(
-            "no file tried in this format reaches {wanted} dB: this one has the most, {psnr:.2} dB"
+            "no file tried in this format reaches {wanted} dB: the best one has {psnr:.2} dB"
         ))),
         Some((Aim::Psnr(_), Some(psnr))) if psnr.is_infinite() => {
             Some(Remark::Note("no smaller file was found: the pictures of this one equal the model's".to_owned()))

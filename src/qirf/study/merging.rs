@@ -20,7 +20,7 @@ impl Study {
         model: &mut Gaussians,
         keep: &[bool],
     ) -> gpu::Result<Merging> {
-        let own = self_overlaps(model);
+        let own = self_overlaps(model, 0.0);
         let blocks = &self.partitioned.blocks;
         let mut merging = Merging::default();
         self.overlaps(device, resident, |batch| {
@@ -56,8 +56,8 @@ impl Study {
         mut body: impl FnMut(&[(usize, &[f32])]),
     ) -> gpu::Result<Timings> {
         let Blocks { members, starts } = &self.partitioned.blocks;
-        let metric = Metric { dilation: self.dilation, ..Metric::default() };
-        let options = Options { metric, density: None, batch_bytes: BATCH_BYTES };
+        // Merging represents the model's own functions, however they were widened to be ranked.
+        let options = Options { metric: Metric::default(), density: None, batch_bytes: BATCH_BYTES };
         let assembly = Assembly::new(device, resident, members, starts, &[], options)?;
         assembly.for_each(|assembled| {
             body(&assembled.iter().map(|(b, matrices)| (b, matrices.overlap)).collect::<Vec<_>>());

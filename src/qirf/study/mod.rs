@@ -233,8 +233,9 @@ impl Study {
     }
 }
 
-fn self_overlaps(model: &Gaussians) -> Vec<f64> {
-    model.log_scales.iter().map(|s| self_overlap(*s)).collect()
+/// S_ii of all Gaussians, widened by `dilation` in world units.
+fn self_overlaps(model: &Gaussians, dilation: f32) -> Vec<f64> {
+    model.log_scales.iter().map(|s| self_overlap(*s, f64::from(dilation))).collect()
 }
 
 /// `share` of the median over the Gaussians of the largest scale, in world units.

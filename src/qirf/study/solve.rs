@@ -115,7 +115,7 @@ impl Study {
         }
         let all = &self.partitioned.blocks;
         let blocks = Blocks::of(chosen.iter().map(|b| all.block(*b)));
-        let own = (job.basis.overlap == Overlap::Raw).then(|| self_overlaps(job.observed.model));
+        let own = (job.basis.overlap == Overlap::Raw).then(|| self_overlaps(job.observed.model, self.dilation));
         let collected = &mut self.collected;
         let mut solve_s = 0.0;
         let assembly = job.assembly(&blocks, self.dilation)?;

@@ -85,6 +85,7 @@ impl Front<'_> {
         let ys: Vec<f64> = points.iter().map(|p| p.at[1]).collect();
         let frame = Frame::with_exact(&self.x, &self.y, points.iter().map(|p| p.at[0]).chain(spreads), &ys);
         let places: Vec<[f64; 2]> = points.iter().map(|p| [frame.x.at(p.at[0]), frame.height(p.at[1])]).collect();
+        let whiskers: Vec<[f64; 2]> = points.iter().map(|p| p.spread.map(|v| frame.x.at(v))).collect();
         let front: Vec<String> = points
             .iter()
             .zip(&places)
@@ -94,13 +95,12 @@ impl Front<'_> {
         let drawing = html! {
             (frame.draw(None))
             @if front.len() > 1 { polyline class={ "line " (colour(0)) } points=(front.join(" ")) {} }
-            @for (p, [x, y]) in points.iter().zip(&places) {
-                @let [from, to] = p.spread.map(|v| frame.x.at(v));
-                line class="axis" x1=(px(from)) x2=(px(to)) y1=(px(*y)) y2=(px(*y)) {}
+            @for ((p, [x, y]), [from, to]) in points.iter().zip(&places).zip(&whiskers) {
+                line class="axis" x1=(px(*from)) x2=(px(*to)) y1=(px(*y)) y2=(px(*y)) {}
                 (point(usize::from(!p.front && !self.legend.is_empty()), [*x, *y], 4.5, &p.told))
                 @if p.default { circle class="ring" cx=(px(*x)) cy=(px(*y)) r="8" {} }
             }
-            @for (p, ([from, to], y)) in points.iter().zip(labels(&points, &places)) {
+            @for (p, ([from, to], y)) in points.iter().zip(labels(&points, &places, &whiskers)) {
                 @let at_right = from > frame.x.at(p.at[0]);
                 text class={ "label" @if !at_right { " end" } } y=(px(y)) x=(px(if at_right { from } else { to })) { (p.label) }
             }
@@ -110,8 +110,8 @@ impl Front<'_> {
 }
 
 /// Left and right end, and baseline, of each label: beside its point, above the whisker, and moved down or up to where it meets neither
-/// another label nor another point.
-fn labels(points: &[&Point], places: &[[f64; 2]]) -> Vec<([f64; 2], f64)> {
+/// another label nor another point, nor any whisker, of which the ends are given.
+fn labels(points: &[&Point], places: &[[f64; 2]], whiskers: &[[f64; 2]]) -> Vec<([f64; 2], f64)> {
     let across = |i: usize| {
         let (x, width) = (places[i][0], points[i].label.chars().count() as f64 * LETTER);
         let from = if x + BESIDE + width <= SIZE[0] { x + BESIDE } else { x - BESIDE - width };
@@ -131,10 +131,14 @@ fn labels(points: &[&Point], places: &[[f64; 2]]) -> Vec<([f64; 2], f64)> {
             let [x, y] = places[j];
             from < x + DOT && x - DOT < to && (at - 0.3 * LINE - y).abs() < 0.3 * LINE + DOT
         };
+        let whisker = |j: usize, at: f64| {
+            let ([left, right], y) = (whiskers[j], places[j][1]);
+            from < right && left < to && at - 0.7 * LINE < y && y < at + 2.0
+        };
         let free = |at: &f64| {
             (upper..lower).contains(at)
                 && !order[..k].iter().any(|j| label(*j, *at))
-                && !order.iter().any(|j| *j != i && dot(*j, *at))
+                && !order.iter().any(|j| (*j != i && dot(*j, *at)) || whisker(*j, *at))
         };
         let steps = (0..=places.len()).map(|n| n as f64 * LINE);
         out[i].1 = steps.flat_map(|step| [own + step, own - step]).find(free).unwrap_or(own);
@@ -155,11 +159,18 @@ mod tests {
     fn labels_do_not_lie_on_each_other_nor_on_points() {
         let named = ["a", "b", "c", "d", "a rung with a long name, two"].map(|label| point(label, [0.0; 2]));
         let places = [[100.0, 150.0], [115.0, 140.0], [104.0, 151.0], [500.0, 243.0], [490.0, 243.0]];
-        let out = labels(&named.iter().collect::<Vec<_>>(), &places);
+        let points: Vec<&Point> = named.iter().collect();
+        let none = places.map(|[x, _]| [x; 2]);
+        let out = labels(&points, &places, &none);
         let baselines: Vec<f64> = out.iter().map(|(_, at)| *at).collect();
         assert_eq!(baselines, [159.0, 134.0, 130.0, 237.0, 237.0]);
         // The last one does not fit to the right of its point.
         assert!(out[4].0[1] < 490.0 && out[3].0[0] > 500.0, "{out:?}");
+        // The first one lay on its own whisker.
+        let mut long = none;
+        long[0][1] += 60.0;
+        let at = labels(&points, &places, &long)[0].1;
+        assert!(!(148.0..160.5).contains(&at), "{at}");
     }
 
     #[test]

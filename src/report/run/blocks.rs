@@ -102,7 +102,7 @@ fn times(s: &PruneSeconds) -> Markup {
         ("device: response densities", s.rrdm),
         ("device: eigenproblems", s.participation),
         ("host: eigenproblems and subsets", s.solve),
-        ("elapsed, side by side", s.assemble_and_solve),
+        ("elapsed (device and host in parallel)", s.assemble_and_solve),
     ];
     let taken = named.into_iter().filter(|(_, value)| *value > 0.0);
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };

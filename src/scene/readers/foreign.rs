@@ -25,6 +25,11 @@ const CONVERT: &str = "convert it to a transforms.json";
 /// The remedy where the program writes COLMAP's format.
 const COLMAP: &str = "export cameras as COLMAP";
 
+/// Poses of KITTI's odometry, which lie in files of numbers in a folder of the same name, too.
+const KITTI: Format = Format(&["poses.txt"], "", "KITTI", CONVERT);
+/// Numbers in a line of KITTI's odometry.
+const KITTI_NUMBERS: usize = 12;
+
 const FOREIGN: &[Format] = &[
     Format(&["reconstruction.json"], "", "OpenSfM", "`opensfm export_colmap` converts it"),
     Format(&["sfm_data.json", "sfm_data.bin"], "", "OpenMVG", "`openMVG_main_openMVG2Colmap` converts it"),
@@ -61,9 +66,21 @@ const FOREIGN: &[Format] = &[
     Format(&["*.json"], "cameraposearframe", "ARKit", CONVERT),
     Format(&["*.json"], "\"pixel_aspect_ratio\"", "Nerfies", CONVERT),
     Format(&["cameras.json"], "\"img_name\"", "a run of 3DGS", "give the capture that it was trained on"),
-    Format(&["groundtruth.txt"], "", "TUM RGB-D", CONVERT),
-    Format(&["poses.txt"], "", "KITTI", CONVERT),
-    Format(&["traj.txt"], "", "Replica", CONVERT),
+    Format(&["*.txt", "*.csv"], "# coordinatesystem", "Metashape", COLMAP),
+    Format(&["groundtruth.txt", "*.tum"], "", "TUM RGB-D", CONVERT),
+    KITTI,
+    Format(&["oxts"], "", "KITTI's raw data", CONVERT),
+    Format(&["cam0_to_world.txt"], "", "KITTI-360", CONVERT),
+    Format(&["state_groundtruth_estimate0"], "", "EuRoC", CONVERT),
+    Format(&["ego_pose.json"], "", "nuScenes", CONVERT),
+    Format(&["ego_pose"], "", "Waymo", CONVERT),
+    Format(&["frame_annotations.jgz"], "", "CO3D", CONVERT),
+    Format(&["pos_001.txt"], "", "DTU", CONVERT),
+    Format(&["*.mvs"], "", "OpenMVS", "give the COLMAP model that it was made from"),
+    Format(&["pose_intrinsic_imu.json"], "", "ScanNet++'s iPhone data", CONVERT),
+    Format(&["traj.txt", "traj_w_c.txt"], "", "Replica", CONVERT),
+    Format(&["predictions.npz", "poses.npy"], "", "VGGT or a similar network", CONVERT),
+    Format(&["cameras.bin.gz", "images.bin.gz"], "", "COLMAP, compressed", "unpack its files by `gunzip *.gz`"),
     Format(&["*.pincam"], "", "ARKitScenes", CONVERT),
     Format(&["*_cam.txt"], "extrinsic", "MVSNet", CONVERT),
     Format(&["coordinates.pt"], "", "Mega-NeRF", CONVERT),
@@ -155,11 +172,27 @@ fn transforms(folder: &Path) -> Option<String> {
 
 fn in_folder(root: &Path, folder: &Path) -> Option<String> {
     let paths = inside(folder);
-    FOREIGN.iter().find_map(|format| {
-        let path = paths.iter().filter(|path| format.names(path)).take(OPENED).find(|path| format.begins(path))?;
-        let name = path.strip_prefix(root).unwrap_or(path).display();
-        Some(format.told(&format!("; {name}, ")))
-    })
+    let kitti = paths.iter().find(|path| is_kitti(path)).map(|path| (path, &KITTI));
+    let found = kitti.or_else(|| {
+        FOREIGN.iter().find_map(|format| {
+            let path = paths.iter().filter(|path| format.names(path)).take(OPENED).find(|path| format.begins(path))?;
+            Some((path, format))
+        })
+    });
+    let (path, format) = found?;
+    Some(format.told(&format!("; {}, ", path.strip_prefix(root).unwrap_or(path).display())))
+}
+
+/// True for a folder of poses whose first file has KITTI's lines of twelve numbers.
+fn is_kitti(folder: &Path) -> bool {
+    let is_named = folder.file_name().is_some_and(|name| name.eq_ignore_ascii_case("poses"));
+    let first = || inside(folder).into_iter().find(|path| has_extension(path, &["txt"]));
+    is_named
+        && first().is_some_and(|file| {
+            let begins = beginning(&file);
+            let line = begins.lines().next().unwrap_or_default();
+            line.split_whitespace().filter(|word| word.parse::<f64>().is_ok()).count() == KITTI_NUMBERS
+        })
 }
 
 fn in_subfolders(folder: &Path) -> Option<String> {

@@ -24,6 +24,10 @@ fn of_file(path: &Path) -> Option<String> {
         Some(format!("it is {UNSTITCHED}"))
     } else if has_extension(path, &VIDEOS) {
         Some("it is a video, without poses: `run` and `pose` take it and estimate them".to_owned())
+    } else if has_extension(path, &["gif"]) {
+        let (path, file) = (path.display(), path.with_extension("mp4"));
+        let convert = format!("convert it by `ffmpeg -i '{path}' '{}'`, and give that", file.display());
+        Some(format!("it is a GIF, which is not read; if it is a video, {convert}"))
     } else {
         super::foreign::file(path)
     }

@@ -192,7 +192,7 @@ impl PhotoTree {
             (some.count > 0).then(|| format!("{} {what} ({some})", counted(some.count, "file")))
         };
         let aside = told(&self.aside, "set aside as masks, maps or small copies of photos");
-        let twins = told(&self.twins, "not used, as photos in another format have their names");
+        let twins = told(&self.twins, "not used, because photos in another format have their names");
         aside.into_iter().chain(twins).chain(unread(&self.unread)).collect()
     }
 

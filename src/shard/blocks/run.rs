@@ -7,7 +7,7 @@ use super::layout::{GROWN, Layout};
 use super::meeting::{Came, Meeting};
 use super::members::{beginning, inside, own, owned};
 use super::seen::seen;
-use crate::effects::{Choice, Effect};
+use crate::effects::{Choice, Effect, Told};
 use crate::gaussians::Gaussians;
 use crate::gaussians::resident::Resident;
 use crate::job::config::Pruning;
@@ -17,7 +17,7 @@ use crate::job::{Error, Init, Output, RunConfig, Selection, Session};
 use crate::pipeline::active_run::ActiveRun;
 use crate::pipeline::checkpoint::Checkpoint;
 use crate::pipeline::compress::{CompressConfig, ViewSource, stages};
-use crate::pipeline::prepare::{Opened, all_there, contents, open, unchanged};
+use crate::pipeline::prepare::{Opened, all_there, contents, open, open_to_train, unchanged};
 use crate::pipeline::prune::PrunePlan;
 use crate::pipeline::setup::Setup;
 use crate::pipeline::start::Start;
@@ -106,18 +106,25 @@ impl BlockRun {
         let mut config = config.clone();
         // Blocks would each move the cameras that they share.
         config.effects.set(Effect::Poses, Choice::Off);
+        // Blocks start from a coarse model, which would have a sky, and from the points of their own cells, which have none.
+        config.effects.set(Effect::Sky, Choice::Off);
         // A block's length and photos say nothing of the whole run's.
         if config.effects.forced(Effect::Dropout).is_none() {
             config.effects.set(Effect::Dropout, Choice::Off);
         }
         config.respell(absolute);
-        let opened = open(&config.selection())?.with_depths(session.watcher);
+        let opened = open_to_train(&config.selection())?.with_depths(session.watcher);
         let pixels = opened.train_pixels();
         let start = Start::of(&config, &opened.scene, pixels.iter().copied().max().unwrap_or(0), session.watcher)?;
         let (initial, degree) = (start.len(), start.degree());
+        if let (Init::Points, Some(note)) = (&config.init, opened.scene.lacks_points()) {
+            session.watcher.note(&note);
+            config.init = Init::Random;
+        }
         drop(start);
         let mut prepared = opened.load_to_train(session.photo_memory(&std::env::temp_dir()), session.watcher)?;
-        let (mut decisions, _) = effects::decide(&prepared, &config)?;
+        let (Told { mut decisions, .. }, advice) = effects::decide(&prepared, &config)?;
+        prepared.note(advice, session.watcher);
         effects::keep_bands(&mut decisions, degree);
         session.watcher.note(&effects::summary(&decisions));
         let mut config = RunConfig { background: Some(prepared.background), ..config.decided(&decisions) };

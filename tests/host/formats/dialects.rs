@@ -184,6 +184,10 @@ fn far_doubles_keep_their_differences() {
     assert_eq!((again.origin, again.gaussians), (read_far.origin, read_far.gaussians));
     let beside = std::fs::read_to_string(folder.path().join("georeference.json")).unwrap();
     assert!(beside.contains("\"origin\""), "{beside}");
+    // One axis in doubles is enough.
+    let mixed = read(&plain);
+    let x = f64::from(mixed.gaussians.means[2][0]) + mixed.origin[0];
+    assert!(mixed.origin[0] != 0.0 && (x - 500_002.0).abs() < 1e-6, "{:?}", mixed.origin);
     // Floats, and doubles near the origin of the world, count from there.
     let near = String::from_utf8(plain).unwrap().replace("\n50000", "\n");
     assert_eq!(read(near.as_bytes()).origin, [0.0; 3]);

@@ -77,6 +77,36 @@ fn levels_of_an_earlier_model_are_removed_and_a_model_without_gaussians_is_refus
     assert_eq!(formats::read(&path).unwrap().gaussians.len(), 60, "the earlier model is still there");
 }
 
+/// Viewers draw it at every distance.
+#[test]
+fn an_environment_is_part_of_the_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lod-meta.json");
+    let write = |path: &Path, model: &qirf_vk::gaussians::Gaussians, mode: RenderMode| {
+        formats::write_levels(path, std::slice::from_ref(model), (mode, [0.0; 3])).unwrap();
+    };
+    write(&path, &make::model(60, 1), RenderMode::Plain);
+    let mut around = make::model(9, 0);
+    around.means.iter_mut().for_each(|m| m[0] += 50.0);
+    write(&folder.path().join("env/lod-meta.json"), &around, RenderMode::AntiAliased);
+    let mut levels = meta(folder.path());
+    levels["environment"] = "env/0_0/meta.json".into();
+    std::fs::write(&path, levels.to_string()).unwrap();
+    let read = formats::read(&path).unwrap();
+    assert_eq!((read.gaussians.len(), read.gaussians.degree(), read.mode), (69, 1, RenderMode::AntiAliased));
+    assert!(read.gaussians.means[60..].iter().all(|m| m[0] > 40.0) && read.gaussians.validate().is_ok());
+    assert!(read.doubt.unwrap().contains("different render modes"));
+    for bad in ["../env/meta.json", "absent/meta.json", "0_0/meta.json", "env/0_0"] {
+        levels["environment"] = bad.into();
+        std::fs::write(&path, levels.to_string()).unwrap();
+        assert!(formats::read(&path).is_err(), "{bad}");
+    }
+    // An empty name names nothing.
+    levels["environment"] = "".into();
+    std::fs::write(&path, levels.to_string()).unwrap();
+    assert_eq!(formats::read(&path).unwrap().gaussians.len(), 60);
+}
+
 #[test]
 fn hostile_levels_are_refused() {
     let folder = tempfile::tempdir().unwrap();

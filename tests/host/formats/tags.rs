@@ -78,8 +78,10 @@ fn comments_count_in_every_kind_of_ply() {
         let damaged = read(&commented(file, b"comment SplatRenderMode: m\xffp\n"), "m.ply").unwrap();
         assert_eq!(damaged.mode, RenderMode::Plain);
         assert!(damaged.doubt.unwrap().contains("not understood") && damaged.gaussians == plain.gaussians);
-        let latin = read(&commented(file, b"comment K\xf6ln\n"), "m.ply").unwrap();
-        assert_eq!((latin.mode, latin.doubt), (RenderMode::Plain, None));
+        for line in [b"comment K\xf6ln\n".as_slice(), b"obj_info K\xf6ln\n", b" \tcomment K\xf6ln\n"] {
+            let latin = read(&commented(file, line), "m.ply").unwrap();
+            assert_eq!((latin.mode, latin.doubt), (RenderMode::Plain, None));
+        }
     }
 }
 

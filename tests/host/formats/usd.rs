@@ -26,6 +26,9 @@ fn layers_and_packages_are_read_back_to_the_last_bit_of_exponentials() {
             }
         }
     }
+    let path = folder.path().join("empty.usda");
+    formats::write(&path, &Gaussians::zeroed(0, 1), RenderMode::Plain).unwrap();
+    assert_eq!(formats::read(&path).unwrap().doubt, None);
     // A package's file is stored uncompressed, and begins at a multiple of 64 bytes.
     let bytes = fs::read(folder.path().join("m.usdz")).unwrap();
     let start = bytes.windows(6).position(|w| w == b"#usda ").unwrap();
@@ -84,6 +87,25 @@ fn layers_of_other_programs_are_read() {
     // Brighter above: the coefficient of z becomes that of -y, with a changed sign.
     let row = &m.sh[1][9..18];
     assert!((row[0] - 7.0).abs() < 1e-5 && row[3].abs() < 1e-5, "{row:?}");
+}
+
+/// As in OpenUSD, also within values and in place of prims.
+#[test]
+fn comments_are_no_content() {
+    let plain = read(OTHER.as_bytes(), "m.usda").unwrap().gaussians;
+    let (values, hidden) = ("opacities = [0, 1]", "float[] opacities = [0.5, 0.5]");
+    let prim = "def ParticleField3DGaussianSplat \"c\" { point3f[] positions = [(0, 0, 0)] }";
+    for (from, to) in [
+        ("def Xform", "// it's a comment\ndef Xform".to_owned()),
+        ("def Xform", "/* { */ def Xform".to_owned()),
+        (values, format!("opacities = [0, /* 5, */ 1] // {hidden}\n/* {hidden} */")),
+        ("def \"untyped\" { }", format!("/* {prim}\n{prim} */")),
+        (" = </World/Looks>", " /* none */ // none".to_owned()),
+    ] {
+        let text = OTHER.replace(from, &to);
+        assert_ne!(text, OTHER);
+        assert_eq!(read(text.as_bytes(), "m.usda").unwrap().gaussians, plain, "{to}");
+    }
 }
 
 /// Operations act from the last to the first, then those of the prims around.
@@ -226,6 +248,35 @@ fn the_unit_and_the_axis_are_those_of_the_layer() {
 }
 
 #[test]
+fn time_samples_beside_a_default_value_are_told() {
+    let plain = read(OTHER.as_bytes(), "m.usda").unwrap().gaussians;
+    let positions = "point3f[] positions = [(0, 0, 1), (0, 0, 2)]";
+    let moves = "double3 xformOp:translate.timeSamples = { 1: (3, 0, 0), 24: (6, 0, 0) }";
+    let still = "double3 xformOp:translate = (0, 0, 0)\nuniform token[] xformOpOrder = [\"xformOp:translate\"]";
+    let both = format!("{still}\n{moves}");
+    for (samples, told) in [
+        ("point3f[] positions.timeSamples = { 1: [(5, 5, 5), (6, 6, 6)] }", Some("samples of positions,")),
+        ("token visibility.timeSamples = { 1: \"invisible\" }", Some("samples of visibility,")),
+        (both.as_str(), Some("prim two has time samples of xformOp:translate,")),
+        (moves, None),
+        ("float x.timeSamples = { 1: 2 }", None),
+    ] {
+        let text = OTHER.replace(positions, &format!("{positions}\n{samples}\n"));
+        let loaded = read(text.as_bytes(), "m.usda").unwrap();
+        assert_eq!(loaded.gaussians, plain, "{samples}");
+        assert_eq!(loaded.doubt.is_some(), told.is_some(), "{samples}: {:?}", loaded.doubt);
+        assert!(told.is_none_or(|told| loaded.doubt.unwrap().contains(told)), "{samples}");
+    }
+    // Also those of a prim around, whatever the tag of the prim within says.
+    let tag = "ParticleField3DGaussianSplat \"two\" (customData = { string SplatRenderMode = \"mip\" }) {";
+    let text = OTHER
+        .replace("float x.timeSamples", "token visibility.timeSamples")
+        .replace("ParticleField3DGaussianSplat \"two\" {", tag);
+    let doubt = read(text.as_bytes(), "m.usda").unwrap().doubt.unwrap();
+    assert!(doubt.contains("prim World has time samples of visibility"), "{doubt}");
+}
+
+#[test]
 fn all_faults_of_a_layer_are_told() {
     let text = OTHER
         .replace("half3[] scalesh = [(1, 2.5e0, .5)];", "")
@@ -243,8 +294,9 @@ fn hostile_layers_are_refused() {
     for (from, to, what) in [
         ("positionsh = [(1, 2, 3)]", "positionsh = [(1, 2)]", "numbers of"),
         ("positionsh = [(1, 2, 3)]", "positionsh = [(1, 2, x)]", "no number"),
-        ("positionsh = [(1, 2, 3)]", "positionsh.timeSamples = { 0: [(1, 2, 3)] }", "no positions"),
-        ("scalesh = [(1, 2.5e0, .5)]", "scalesh.timeSamples = { 0: [(1, 1, 1)] }", "no scales"),
+        ("positionsh = [(1, 2, 3)]", "positionsh.timeSamples = { 0: [(1, 2, 3)] }", "positions only in time samples"),
+        ("positionsh = [(1, 2, 3)]", "place = [(1, 2, 3)]", "has no positions"),
+        ("scalesh = [(1, 2.5e0, .5)]", "scalesh.timeSamples = { 0: [(1, 1, 1)] }", "scales only in time samples"),
         ("opacities = [0, 1]", "opacities = [0]", "1 numbers of opacities"),
         ("Degree = 1", "Degree = 4", "SH degree 4"),
         ("Degree = 1", "Degree = 2", "numbers of spherical harmonics"),

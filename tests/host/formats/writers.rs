@@ -328,8 +328,10 @@ fn sog_deflates_its_text_alone() {
 fn spherical_harmonics_that_a_format_cuts_off_are_counted() {
     let mut model = make::model(50, 2);
     (model.sh[1][9 * 3], model.sh[2][15 * 3 + 1], model.sh[2][15 * 7]) = (-1.5, 4.5, 2.0);
+    // In band 0, SPZ rounds 3.34 by less than half a step.
+    (model.sh[0][3 * 9], model.sh[0][3 * 11 + 2]) = (-3.4, 3.34);
     for (name, clipped) in
-        [("a.spz", 2), ("a.html", 2), ("a.compressed.ply", 1), ("a.ply", 0), ("a.sog", 0), ("a.glb", 0), ("a.obj", 0)]
+        [("a.spz", 3), ("a.html", 3), ("a.compressed.ply", 1), ("a.ply", 0), ("a.sog", 0), ("a.glb", 0), ("a.obj", 0)]
     {
         let path = Path::new(name);
         assert_eq!(formats::clipped(path, &model), clipped, "{name}");
@@ -343,6 +345,8 @@ fn spherical_harmonics_that_a_format_cuts_off_are_counted() {
     let said = formats::clip_warning(Path::new("a.compressed.ply"), 1).unwrap();
     assert!(said.starts_with("a.compressed.ply: 1 Gaussian has "), "{said}");
     assert!(said.contains("beyond the +-4 that compressed PLY stores; its colours are cut off"), "{said}");
+    let said = formats::clip_warning(Path::new("a.spz"), 2).unwrap();
+    assert!(said.contains("beyond the +-1 that SPZ stores (+-3.3 in band 0); their colours are cut off"), "{said}");
 }
 
 /// By the two larger axes; the third may be thinner than an SPZ stores it.

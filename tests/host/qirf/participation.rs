@@ -2,7 +2,7 @@
 
 use super::Made;
 use proptest::prelude::*;
-use qirf_vk::qirf::batch::{Block, Collected, Solver};
+use qirf_vk::qirf::batch::{Block, Collected, Solver, self_overlap};
 use qirf_vk::qirf::dense::{LIBRARIES, Library};
 use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, lowdin, solve};
 use qirf_vk::qirf::select::{Selector, css, rank};
@@ -224,6 +224,22 @@ fn a_batch_gives_what_its_blocks_give_and_damage_is_counted() {
     assert!(all.participation.iter().all(|q| q.is_finite() && *q >= 0.0));
     // Without any response, opacity decides.
     assert_eq!(solved[4].ranked[0].1.rank, [2, 0, 1]);
+}
+
+/// The diagonal of the raw overlaps is the integral of a Gaussian's square, and the Gaussian is the same as in N: widened.
+#[test]
+fn raw_overlaps_are_of_the_widened_gaussians() {
+    let scales = [0.02_f32, 0.3, 1.5];
+    for dilation in [0.0, 0.25, 40.0] {
+        let along = |s: f32| {
+            // exp(-x² / (2 v))² in steps of a tenth of the standard deviation.
+            let deviation = (f64::from(s).powi(2) + dilation * dilation).sqrt();
+            (-100..=100_i32).map(|k| (-(0.1 * f64::from(k)).powi(2)).exp()).sum::<f64>() * 0.1 * deviation
+        };
+        let integral: f64 = scales.map(along).iter().product();
+        let own = self_overlap(scales.map(f32::ln), dilation);
+        assert!((own / integral - 1.0).abs() < 1e-5, "{dilation}: {own}, {integral}");
+    }
 }
 
 #[test]

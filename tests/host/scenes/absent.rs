@@ -217,6 +217,8 @@ fn a_converted_photo_replaces_its_original_whatever_that_is_called() {
         ("a.png", b"\0\0\0\x18ftypheic", "a.jpg"),
         ("a.jpg", b"\x1f\x8b\x08\0", "a.png"),
         ("a.jpg", b"GIF89a", "a.png"),
+        // A JPEG of 12 bits.
+        ("a.jpg", b"\xff\xd8\xff\xc1\0\x0b\x0c\0\x30\0\x40\x01\x01\x11\0", "a.png"),
     ] {
         let colmap = capture(&[listed], &[]);
         let other = written([("transforms.json", transforms(TOP, &[&format!("images/{listed}")]))]);

@@ -145,7 +145,11 @@ fn specks_of_alpha_decide_nothing() {
         (vec![254; 64 * 48], AlphaRole::Opaque, even),
         (vec![128; 64 * 48], AlphaRole::Opaque, even),
         (vec![0; 64 * 48], AlphaRole::Alpha, "1 photo transparent everywhere"),
-        (vec![0; 64 * 12], AlphaRole::Alpha, "% of the photos' pixels are transparent: alpha counts, on white"),
+        (
+            vec![0; 64 * 12],
+            AlphaRole::Alpha,
+            "% of the photos' pixels are transparent: alpha is used; the background is white",
+        ),
     ] {
         let scene = with_alpha(&alphas);
         let mut opened = open(scene.path());

@@ -30,6 +30,7 @@ fn photos_videos_and_archives_are_told_with_their_remedy() {
         ("scan.r3d", "it is an archive: unpack it and give its folder"),
         ("a.mov", "it is a video, without poses"),
         ("a.360", "it is a 360° camera's own file"),
+        ("a.gif", "it is a GIF, which is not read; if it is a video, convert it by `ffmpeg -i '"),
         ("reconstruction.json", "perhaps from OpenSfM, is not read: `opensfm export_colmap` converts it"),
         ("sfm_data.json", "perhaps from OpenMVG"),
         ("cameras.npz", "perhaps from NeuS, IDR or DTU"),
@@ -82,6 +83,23 @@ fn foreign_poses_are_known_by_whole_names_and_contents() {
         ("images/a.json", r#"[{"Orientation": 1}]"#, ""),
         ("tabs.log", "0\t0\t1\n1\t0\t0\t0\n", "Open3D"),
         ("traj.txt", "1 0 0", "Replica"),
+        ("poses/00.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "KITTI"),
+        ("poses/0.txt", "1 0 0 0\n", "ScanNet or NSVF"),
+        ("drive/oxts/data/0.txt", "49.0", "KITTI's raw data"),
+        ("cam0_to_world.txt", "1", "KITTI-360"),
+        ("mav0/state_groundtruth_estimate0/data.csv", "#timestamp", "EuRoC"),
+        ("v1.0-mini/ego_pose.json", "[]", "nuScenes"),
+        ("ego_pose/000.txt", "1", "Waymo"),
+        ("frame_annotations.jgz", "x", "CO3D"),
+        ("pos_001.txt", "1", "DTU"),
+        ("scene.mvs", "x", "OpenMVS"),
+        ("pose_intrinsic_imu.json", "{}", "ScanNet++"),
+        ("traj_w_c.txt", "1", "Replica"),
+        ("opk.txt", "# CoordinateSystem: Local\n#Label\tX\n", "Metashape"),
+        ("ref.csv", "# CoordinateSystem: Local\n#Label,X/East\n", "Metashape"),
+        ("a.tum", "0 1 0 0", "TUM RGB-D"),
+        ("sparse/0/cameras.bin.gz", "x", "COLMAP, compressed"),
+        ("predictions.npz", "PK", "VGGT"),
         ("closed_loop_trajectory.csv", "graph_uid", "Project Aria"),
         ("gps.csv", "time,lat,lon\n", ""),
         ("desktop.xml", "<settings/>", ""),
@@ -121,7 +139,7 @@ fn scenes_that_lie_too_deep_and_packed_ones_are_named() {
     says(&refused(folder.path()), &["holds no scene", &format!("; poses lie in {first}: give it to use them")]);
     let both = format!("; poses lie in {first}, {}: give one of these to use them", scene("two"));
     picture(&folder.path().join("b.png"), 64, 48);
-    says(&refused(folder.path()), &["has no camera poses", &both]);
+    says(&refused(folder.path()), &["but no camera poses", &both]);
 
     let packed = written([("sparse.zip", b"x".to_vec())]);
     picture(&packed.path().join("images/a.png"), 8, 6);
@@ -199,6 +217,17 @@ fn intrinsics_that_would_be_ignored_are_refused_or_told() {
         written([("transforms.json", moving.into_bytes()), ("transforms_train.json", transforms(TOP, &["a"]))]);
     assert!(notes(&open(moving.path())).contains("1 frame with a pose at the end of the exposure"));
     assert!(notes(&open(moving.path())).contains("transforms.json are used, not those in "));
+}
+
+#[test]
+fn frames_without_any_pose_are_told_with_their_fields() {
+    let json = String::from_utf8(transforms(TOP, &["a.png"])).unwrap().replace("transform_matrix", "world_to_camera");
+    let capture = written([("transforms.json", json.clone().into_bytes())]);
+    says(&refused(capture.path()), &["transforms.json", "its frames give no transform_matrix", "world_to_camera"]);
+    // Fields may have any name, of any length.
+    let long = json.replace("world_to_camera", &format!("\\u001b[31m{}", "x".repeat(9999)));
+    let error = refused(written([("transforms.json", long.into_bytes())]).path());
+    assert!(error.contains("its frames give no") && error.len() < 999 && !error.contains('\u{1b}'), "{error}");
 }
 
 #[test]

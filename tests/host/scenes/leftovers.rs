@@ -10,7 +10,7 @@ use super::traps::grey;
 use crate::support::files::writers::{picture, row, transforms, write, written};
 use qirf_vk::job::Error;
 use qirf_vk::pipeline::prepare;
-use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Role, Scene, load_photos, masks_of};
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Resize, Role, Scene, load_photos, masks_of};
 
 /// A model of which each file is kept as binary or as text.
 fn mixed(kept: &[&str]) -> tempfile::TempDir {
@@ -187,13 +187,83 @@ fn lists_beside_a_model_give_the_roles() {
     assert_eq!(roles().0, of("abcde", &[test, test, train, train, train]));
     list("train_list.txt", "c.png\n");
     list("validation_list.txt", "b.png\nd.png\nx.png\n");
-    let (found, notes) = roles();
+    let (found, told_of) = roles();
     assert_eq!(found, of("abcd", &[test, test, train, Role::Validation]));
     for told in ["1 photo to use, as", "1 name in", "1 photo in neither train_list.txt nor", "not used (e.png)"] {
-        assert!(notes.contains(told), "{notes}");
+        assert!(told_of.contains(told), "{told_of}");
     }
     list("train_list.txt", "a.png\nc.png\n");
     assert_eq!(roles().0, of("abcd", &[Role::Unsaid, test, train, Role::Validation]));
+    // Of photos whose names differ in the extension alone, the one listed.
+    let scene = capture(&["a.jpg", "a.png", "b.png", "c.png"], &[]);
+    fs::write(scene.path().join("sparse/0/test.txt"), "a.jpg\nB\nA\n").unwrap();
+    let opened = open(scene.path());
+    assert_eq!(opened.views.iter().map(|view| view.role).collect::<Vec<_>>(), [test, train, test, train]);
+    for told in ["2 photos held out, as", "1 name in", "that several photos share"] {
+        assert!(notes(&opened).contains(told), "{}", notes(&opened));
+    }
+    fs::write(scene.path().join("sparse/0/test.txt"), "a\n").unwrap();
+    for told in ["names no single photo: nothing is held out", "1 name in", "that several photos share"] {
+        assert!(notes(&open(scene.path())).contains(told), "{}", notes(&open(scene.path())));
+    }
+}
+
+/// A TIFF of 64 x 48 pixels, perhaps with alpha that its colours are multiplied by.
+fn tiff_of<C: tiff::encoder::colortype::ColorType>(numbers: &[C::Inner], alpha: bool) -> Vec<u8>
+where
+    [C::Inner]: tiff::encoder::TiffValue,
+{
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
+    let mut image = encoder.new_image::<C>(64, 48).unwrap();
+    if alpha {
+        image.encoder().write_tag(tiff::tags::Tag::ExtraSamples, 1_u16).unwrap();
+    }
+    image.write_data(numbers).unwrap();
+    file.into_inner()
+}
+
+#[test]
+fn headers_tell_encodings_that_are_not_read_multiplied_colours_and_profiles() {
+    use image::ImageEncoder;
+    use tiff::encoder::colortype::{RGB32Float, RGBA8};
+    let scene = capture(&["a.tif", "b.png"], &[]);
+    let images = scene.path().join("images");
+    let multiplied = tiff_of::<RGBA8>(&[60_u8, 30, 0, 128].repeat(64 * 48), true);
+    write(&images, [("a.tif", multiplied)]);
+    image::RgbaImage::from_pixel(64, 48, image::Rgba([120, 60, 0, 128])).save(images.join("b.png")).unwrap();
+    let photos = open(scene.path()).load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+    assert_eq!(photos[0].pixels.at(5).unwrap(), photos[1].pixels.at(5).unwrap());
+
+    // Without SampleFormat (339), numbers are whole ones.
+    let mut whole = tiff_of::<RGB32Float>(&vec![0.5_f32; 3 * 64 * 48], false);
+    let tag = whole.windows(4).position(|w| w == [0x53, 1, 3, 0]).unwrap();
+    whole[tag] += 1;
+    write(&images, [("a.tif", whole)]);
+    let fault = |view: usize| open(scene.path()).views[view].load_photo(Resize::Full).unwrap_err().to_string();
+    assert!(fault(0).contains("holds whole numbers of 32 bits: save it with 8 or 16 bits"), "{}", fault(0));
+    for (marker, bits, told) in
+        [(0xc1, 12, "of 12 bits"), (0xc9, 8, "with arithmetic coding"), (0xc3, 8, "with lossless coding")]
+    {
+        let jpeg = [0xff, 0xd8, 0xff, marker, 0, 11, bits, 0, 48, 0, 64, 1, 1, 0x11, 0];
+        write(&images, [("b.png", jpeg.to_vec())]);
+        let error = fault(1);
+        assert!(error.contains(&format!("is a JPEG {told}")) && error.contains("magick mogrify"), "{error}");
+    }
+    // A damaged header tells nothing.
+    for bits in [0, 9, 255] {
+        let jpeg = [0xff, 0xd8, 0xff, 0xc0, 0, 11, bits, 0, 48, 0, 64, 1, 1, 0x11, 0];
+        write(&images, [("b.png", jpeg.to_vec())]);
+        assert!(!fault(1).contains("is a JPEG"), "{}", fault(1));
+    }
+    let mut profile = vec![0; 132];
+    profile[16..20].copy_from_slice(b"RGB ");
+    let mut encoder = image::codecs::png::PngEncoder::new(fs::File::create(images.join("b.png")).unwrap());
+    encoder.set_icc_profile(profile).unwrap();
+    encoder.write_image(&[90; 3 * 64 * 48], 64, 48, image::ExtendedColorType::Rgb8).unwrap();
+    let views = open(scene.path()).views;
+    assert_eq!(views[0].foreign_profile(), None);
+    assert_eq!(views[1].foreign_profile().as_deref(), Some("without a name"));
 }
 
 /// A planned job refuses photos, masks and cameras that changed, and accepts the same ones.

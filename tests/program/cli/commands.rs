@@ -2,10 +2,10 @@
 
 use super::{Sandbox, model};
 use crate::program::ended::{Ended, end, qirf};
-use crate::support::documented;
+use crate::support::{documented, skip};
 use qirf_vk::gaussians::formats;
 use std::fs;
-use std::process::Stdio;
+use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime};
 
 #[test]
@@ -148,6 +148,9 @@ fn help_and_completions_are_there() {
         (&["shard", "plan", "compress"][..], "--size <WxH>", "--psnr"),
         (&["shard", "plan", "run"], "--schedule <attrition|one-shot>", "gradual"),
         (&["edit"], "For --remove floaters only. Variance", "--psnr"),
+        (&["run"], "`qirf-vk train` is another name", "--init-count"),
+        (&["compress"], "`qirf-vk compare --help` lists options for experiments", "--epsilon"),
+        (&["shard", "plan", "run"], "`qirf-vk compare --help` lists options for experiments", "--solver <"),
     ] {
         let help = sandbox.works(&[command, &["--help"]].concat()).out;
         assert!(help.contains(there) && !help.contains(not_there), "{help}");
@@ -159,6 +162,30 @@ fn help_and_completions_are_there() {
         assert!(sandbox.works(&["completions", shell]).out.contains("selftest"), "{shell}");
     }
     assert!(sandbox.works(&["--version"]).out.starts_with("qirf-vk "));
+}
+
+/// Options and values after a command, in a shell that is there.
+#[test]
+fn bash_completes_what_follows_a_command() {
+    let sandbox = Sandbox::new();
+    let script = sandbox.works(&["completions", "bash"]).out;
+    let asked = r#"
+        complete_words() {
+            COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); COMPREPLY=()
+            _qirf__vk qirf-vk "${@: -1}" "${@: -2:1}"
+            echo "${COMPREPLY[@]}"
+        }
+        complete_words qirf-vk run --
+        complete_words qirf-vk shard plan compress --ke
+        complete_words qirf-vk run --color al
+    "#;
+    let file = sandbox.path("completions.bash");
+    fs::write(&file, script + asked).unwrap();
+    let Ok(output) = Command::new("bash").arg(&file).output() else { return skip("no bash") };
+    let told = String::from_utf8_lossy(&output.stdout);
+    let lines: Vec<&str> = told.lines().collect();
+    assert!(lines.len() == 3 && lines[0].contains("--schedule "), "{told}");
+    assert_eq!(lines[1..], ["--keep", "always"], "{told}");
 }
 
 #[test]

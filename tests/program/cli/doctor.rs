@@ -139,6 +139,16 @@ fn photos_that_do_not_show_their_points_are_named() {
         fs::copy(photo(folder, 1), photo(folder, 7)).unwrap();
     });
     assert!(same["advice"].to_string().contains("view_0001.png = view_0007.png"), "{}", same["advice"]);
+    let copied = told(&sandbox, |folder| {
+        fs::copy(photo(folder, 1), folder.join("images/copy.png")).unwrap();
+        let file = folder.join("sparse/0/images.txt");
+        let text = fs::read_to_string(&file).unwrap();
+        let row = text.lines().find(|line| line.ends_with("view_0001.png")).unwrap().split_once(' ').unwrap().1;
+        let row = row.replace("view_0001.png", "copy.png");
+        fs::write(&file, format!("{}\n99 {row}\n\n", text.trim_end_matches('\n'))).unwrap();
+    });
+    let twins = "2 photos with the same pixels and pose, which flatter the scores: leave out all but one (copy.png = view_0001.png)";
+    assert!(copied["advice"].to_string().contains(twins), "{}", copied["advice"]);
 }
 
 #[test]
@@ -163,5 +173,9 @@ fn faults_that_all_photos_of_a_camera_share_are_named_once() {
         fs::write(folder.join("sparse/0/images.txt"), text.trim_start()).unwrap();
         pose(folder, invert);
     });
-    advises(&untracked, "the poses seem to be inverted");
+    let advice = untracked["advice"].to_string();
+    assert!(
+        advice.contains("the poses seem to be inverted") && advice.contains("the points fall into 0 % of"),
+        "{advice}"
+    );
 }

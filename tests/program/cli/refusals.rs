@@ -74,6 +74,41 @@ fn a_wrong_command_line_is_usage() {
     assert_eq!(formats::read(&sandbox.path("model.ply")).unwrap().gaussians, model(20));
 }
 
+/// A run would end with a `config.toml` that cannot be read, and the device's solver would compute something else.
+#[test]
+fn options_are_refused_by_the_ranges_of_a_configuration() {
+    let sandbox = Sandbox::new();
+    let raw = ["--selector", "gnso", "--overlap", "raw", "--solver", "device"];
+    let refused = |command: &[&str], more: &[&str], says: &[&str]| {
+        sandbox.fails(2, &[command, &["-o", "out"], more].concat(), says);
+    };
+    for command in [
+        &["run", "scene"][..],
+        &["compare", "scene"],
+        &["sweep", "scene", "--axis", "selector"],
+        &["shard", "plan", "run", "scene"],
+        &["shard", "plan", "compress", "model.ply"],
+    ] {
+        refused(command, &raw, &["--overlap raw with --solver device: ", "\"low-rank\""]);
+        let far = ["--selector", "css", "--epsilon", "1e7"];
+        if !command.contains(&"compress") {
+            refused(command, &far, &["--epsilon = 10000000: write a number from 0 to 1000000"]);
+        }
+    }
+    sandbox.fails(2, &[&["compress", "model.ply", "-o", "out.ply"], &raw[..]].concat(), &["--solver device"]);
+    for (option, value) in [
+        ("--dilate", "1e7"),
+        ("--keep", "5e-10"),
+        ("--partition", "2000000"),
+        ("--partition", "1e-31"),
+        ("--target-count", "200000000"),
+        ("--init-count", "200000000"),
+    ] {
+        refused(&["run", "scene"], &[option, value], &[option, " = ", "write a number from "]);
+    }
+    assert!(!sandbox.path("out").exists() && !sandbox.path("out.ply").exists());
+}
+
 #[test]
 fn a_number_of_random_points_is_refused_where_a_run_begins_with_others() {
     let sandbox = Sandbox::new();

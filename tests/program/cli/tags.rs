@@ -3,8 +3,11 @@
 use super::{Sandbox, model};
 use crate::program::ended::Ended;
 use crate::support::golden::Case;
+use crate::support::runs::config;
 use crate::support::source;
 use qirf_vk::gaussians::formats::{self, RenderMode};
+use qirf_vk::job::RunConfig;
+use qirf_vk::render::Style;
 use std::fs;
 use std::io::BufReader;
 
@@ -38,7 +41,8 @@ fn files_say_how_they_are_drawn_and_options_override_them() {
     for option in ["--antialias", "--antialias=on"] {
         let (forced, ran) = sandbox.picture("plain.ply", &[option]);
         assert!(
-            forced == smooth && ran.said.contains("drawn anti-aliased, as --antialias says; by its file it is plain")
+            forced == smooth
+                && ran.said.contains("drawn anti-aliased, as --antialias says; its file is tagged as plain")
         );
         assert!(!sandbox.picture("smooth.ply", &[option]).1.said.contains("drawn"), "nothing is overridden");
     }
@@ -51,6 +55,28 @@ fn files_say_how_they_are_drawn_and_options_override_them() {
     let wide = sandbox.picture("smooth.ply", &["--dilation", "0.3"]).0;
     assert!(wide != smooth && wide != plain);
     sandbox.fails(2, &["render", "plain.ply", "--orbit", "1", "-o", "out", "--dilation", "0.2"], &["write 0.1 or 0.3"]);
+}
+
+/// Models are drawn as their run drew them, on the background that its photos had, unless options say otherwise.
+#[test]
+fn the_style_and_background_of_a_run_are_those_of_its_model() {
+    let sandbox = sandbox();
+    let plain = sandbox.picture("plain.ply", &[]).0;
+    let run = config(&sandbox.path("scene"), 10);
+    let run = RunConfig { style: Style { depth_order: true, ..run.style }, ..run };
+    fs::write(sandbox.path("config.toml"), run.written().unwrap()).unwrap();
+    fs::write(sandbox.path("metrics.json"), r#"{"protocol":{"background":[1,1,1]}}"#).unwrap();
+    let (white, ran) = sandbox.picture("plain.ply", &[]);
+    assert!(
+        ran.said.contains("with --depth-order") && ran.said.contains("--background 1.000,1.000,1.000"),
+        "{}",
+        ran.said
+    );
+    let picture = image::load_from_memory(&white).unwrap().into_rgb8();
+    assert!(picture.pixels().any(|p| p.0 == [255; 3]));
+    let (black, ran) = sandbox.picture("plain.ply", &["--background", "black", "--depth-order=off"]);
+    assert!(black == plain && !ran.said.contains("drawn"), "{}", ran.said);
+    assert!(sandbox.works(&["convert", "plain.ply", "page.html"]).said.contains("--background 1.000,1.000,1.000"));
 }
 
 #[test]
@@ -131,11 +157,11 @@ fn models_are_compared_each_in_its_own_mode() {
         (ran.json()["test"]["psnr"].as_f64(), ran.said)
     };
     let (equal, said) = scores("smooth.ply", "smooth.ply", &[]);
-    assert!(equal.is_none() && !said.contains("by their files"), "{equal:?} {said}");
+    assert!(equal.is_none() && !said.contains("their files tag"), "{equal:?} {said}");
     let (differing, said) = scores("plain.ply", "smooth.ply", &[]);
-    assert!(differing.is_some() && said.contains("by their files, this model is plain"), "{differing:?} {said}");
+    assert!(differing.is_some() && said.contains("their files tag this model as plain"), "{differing:?} {said}");
     let (equal, said) = scores("plain.ply", "smooth.ply", &["--antialias=off"]);
-    assert!(equal.is_none() && !said.contains("by their files"), "{equal:?} {said}");
+    assert!(equal.is_none() && !said.contains("their files tag"), "{equal:?} {said}");
 }
 
 /// The golden anti-aliased case has a filter of 0.3 square pixels, as gsplat and PlayCanvas have.

@@ -319,7 +319,7 @@ fn of_two_parts_the_larger_is_taken_and_both_are_told() {
     stage.gives(0, 0..4);
     stage.gives(1, 4..11);
     let (ended, said) = works(stage.pose(&[]));
-    for words in ["7 of 12 photos have poses", "4 form a separate part", "1 are in no part: 11.png"] {
+    for words in ["7 of 12 photos have poses", "4 form a separate part", "1 is in no part: 11.png"] {
         assert!(said.contains(words), "{words}: {said}");
     }
     let (_, json) = works(stage.pose(&["--json"]));

@@ -127,6 +127,25 @@ fn folders_that_sequential_pairs_did_not_connect_are_told() {
 }
 
 #[test]
+fn names_that_a_list_cannot_hold_and_lone_photos_are_refused() {
+    let stage = Stage::new();
+    end(&mut stage.program(&["pose", "photos/00.png", "-o", "scene"])).with(3, &["it is one photo: give the folder"]);
+    for name in [" a.png", "a\nb.png"] {
+        let path = stage.path("photos").join(name);
+        photo(&path, 9);
+        end(&mut stage.pose(&[])).with(3, &["a space, or holds a control character", "rename it"]);
+        fs::remove_file(path).unwrap();
+    }
+    assert!(!stage.path("scene").exists());
+    // COLMAP's lists hold other spaces and controls than those of ASCII, and OpenMVG-rs reads no list.
+    stage.gives(0, 0..12);
+    photo(&stage.path("photos/\u{3000}a\u{85}.png"), 9);
+    assert!(works(stage.pose(&["--poses", "colmap"])).1.contains("12 of 13 photos have poses"));
+    photo(&stage.path("photos/ a.png"), 9);
+    assert!(works(stage.pose(&["--poses", "openmvg"])).1.contains("12 of 14 photos have poses"));
+}
+
+#[test]
 fn openmvg_is_not_given_subfolders() {
     let stage = Stage::new();
     stage.gives_named(0, &card(&stage));

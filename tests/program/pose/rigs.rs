@@ -173,3 +173,21 @@ fn panoramas_are_posed_as_the_faces_of_a_cube() {
     image::RgbImage::new(40, 30).save(stage.path("photos/9.png")).unwrap();
     end(&mut stage.pose(&["--panoramas"])).with(3, &["9.png", "is 40 x 30: a panorama is twice as wide as high"]);
 }
+
+/// Without a rig, COLMAP may give the faces of a panorama different places.
+#[test]
+fn faces_of_a_panorama_that_lie_apart_are_told() {
+    let stage = Stage::new();
+    for i in 0..12 {
+        image::RgbImage::new(32, 16).save(stage.path("photos").join(format!("{i:02}.png"))).unwrap();
+    }
+    let names: Vec<String> = (0..24).map(|i| format!("{}/{:02}.png", ["back", "front"][i / 12], i % 12)).collect();
+    stage.gives_named(0, &names);
+    let told = |output: &str| works(stage.program(&["pose", "photos", "-o", output, "--panoramas"])).0.said;
+    let wanted = "the faces of a panorama lie up to ";
+    assert!(told("apart").contains(wanted) && told("apart").contains("COLMAP 3.12 or newer"), "{}", told("apart"));
+    let at_one_place = |(i, name): (usize, &String)| format!("{} 1 0 0 0 0.{} 0 4 1 {name}\n\n", i + 1, i % 12);
+    let images: String = names.iter().enumerate().map(at_one_place).collect();
+    fs::write(stage.path("fake/models/0/images.txt"), images).unwrap();
+    assert!(!told("together").contains(wanted), "{}", told("together"));
+}

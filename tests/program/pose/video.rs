@@ -111,6 +111,65 @@ fn footage_of_high_dynamic_range_is_told() {
     }
 }
 
+/// A video of one of ffmpeg's own sources.
+fn made(source: &str, options: &[&str], video: &Path) {
+    let mut ffmpeg = Command::new("ffmpeg");
+    ffmpeg.args(["-loglevel", "error", "-nostdin", "-f", "lavfi", "-i", source]).args(options);
+    assert!(ffmpeg.arg(video).status().unwrap().success());
+}
+
+/// Of BT.709, with pixels that are not square, after a smaller stream, and into a folder with a percent sign.
+#[test]
+fn frames_have_square_pixels_and_their_own_colours() {
+    if !starts("ffmpeg") {
+        return skip("no ffmpeg");
+    }
+    let stage = Stage::new();
+    let (red, shown) = ("color=red:size=64x96:rate=10:duration=1.2", "scale=out_color_matrix=bt709:out_range=tv");
+    // An aspect that no camera's pixels have is a mistake.
+    for (aspect, width) in [("3/2", 96), ("9/1", 64)] {
+        let filter = format!("{shown},format=yuv420p,setsar={aspect}");
+        let second = ["-f", "lavfi", "-i", red, "-map", "0", "-map", "1", "-filter:v:1", &filter];
+        let options = [&second[..], &["-colorspace", "bt709", "-c:v", "ffv1"]].concat();
+        let (video, out) = (format!("{width}.mkv"), format!("{width}% d"));
+        made("color=black:size=32x24:rate=10:duration=1.2", &options, &stage.path(&video));
+        end(&mut stage.program(&["pose", &video, "-o", &out])).with(3, &["0 of its 4 frames"]);
+        for path in sorted(&stage.path(&out).join("images")) {
+            let frame = image::open(path).unwrap().to_rgb8();
+            assert_eq!(frame.dimensions(), (width, 96));
+            let [red, green, blue] = frame.get_pixel(48, 48).0;
+            assert!(red > 245 && green < 10 && blue < 10, "{red} {green} {blue}");
+        }
+    }
+}
+
+#[test]
+fn videos_that_are_cut_short_or_interlaced_are_told() {
+    if !starts("ffmpeg") {
+        return skip("no ffmpeg");
+    }
+    let stage = Stage::new();
+    made("testsrc=size=64x48:rate=10:duration=2", &["-c:v", "ffv1"], &stage.path("whole.mkv"));
+    let whole = fs::read(stage.path("whole.mkv")).unwrap();
+    fs::write(stage.path("half.mkv"), &whole[..whole.len() / 2]).unwrap();
+    let tape = ["-vf", "interlace", "-c:v", "mpeg2video", "-flags", "+ildct+ilme"];
+    made("testsrc=size=64x48:rate=20:duration=2", &tape, &stage.path("tape.mpg"));
+    // Whole ones: frames at other times than the rate says, and sound that is longer.
+    let vary = "testsrc=size=64x48:rate=10:duration=2,select='lt(t,0.5)+not(mod(n,5))'";
+    made(vary, &["-c:v", "ffv1"], &stage.path("vary.mkv"));
+    let sound = ["-f", "lavfi", "-i", "sine=duration=4", "-c:v", "ffv1", "-c:a", "aac"];
+    made("testsrc=size=64x48:rate=10:duration=2", &sound, &stage.path("song.mkv"));
+    let told = [" s: it may be cut short", "the video is interlaced: it is deinterlaced"];
+    let whole = ["whole.mkv", "vary.mkv", "song.mkv"].map(|video| (video, None));
+    for (video, wanted) in whole.into_iter().chain([("half.mkv", Some(0)), ("tape.mpg", Some(1))]) {
+        let said = end(&mut stage.program(&["pose", video, "-o", &video[..4]])).said;
+        assert!(said.contains("sharp frames out of "), "{said}");
+        for (n, words) in told.iter().enumerate() {
+            assert_eq!(said.contains(words), wanted == Some(n), "{video}: {said}");
+        }
+    }
+}
+
 fn sorted(folder: &std::path::Path) -> Vec<std::path::PathBuf> {
     let mut paths: Vec<_> = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     paths.sort();

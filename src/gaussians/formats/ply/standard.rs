@@ -80,12 +80,12 @@ fn smooth(model: &mut Gaussians, filters: &[f32]) {
     });
 }
 
-/// The means. Doubles that lie far from the origin count from a place of their own, which is added to `origin`: as float32
-/// they would lose their differences.
+/// The means. Where they are far from the origin and any coordinate is a double, they count from a place of their own, which is
+/// added to `origin`: as float32 they would lose their differences.
 fn places(vertex: &Table, slots: [Slot; 3], origin: &mut [f64; 3]) -> Vec<[f32; 3]> {
     let rows = || vertex.rows().par_chunks_exact(vertex.stride);
     let plain = || rows().map(|row| slots.map(|slot| slot.float(row))).collect();
-    if !slots.iter().all(|slot| slot.kind() == Kind::F64) {
+    if !slots.iter().any(|slot| slot.kind() == Kind::F64) {
         return plain();
     }
     let whole: Vec<DVec3> = rows().map(|row| DVec3::from_array(slots.map(|slot| slot.value(row)))).collect();

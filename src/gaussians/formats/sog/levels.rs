@@ -2,7 +2,7 @@
 //! each level are; a viewer loads the level that a leaf needs at its distance.
 
 use super::super::fault::{Fault, malformed};
-use super::super::{Format, Gaussians, Parsed, RenderMode, SogPrecision};
+use super::super::{Gaussians, Parsed, RenderMode, SogPrecision, Tag};
 use super::means::Means;
 use super::pack::files as pack_files;
 use super::unpack;
@@ -10,6 +10,7 @@ use glam::{Mat3, Quat, Vec3};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Display;
 use std::path::{Component, Path, PathBuf};
 
 /// Name of the file that describes all others.
@@ -146,6 +147,8 @@ impl Writer<'_> {
 struct Levels {
     filenames: Vec<String>,
     tree: Node,
+    /// Gaussians around the model, which viewers draw at every distance.
+    environment: Option<String>,
 }
 
 #[derive(Deserialize)]
@@ -175,12 +178,30 @@ pub(in super::super) fn folders_of_levels(folder: &Path) -> BTreeSet<PathBuf> {
     named.iter().filter_map(|name| own(name)).filter(|part| folder.join(part).is_dir()).collect()
 }
 
-/// Reads the finest level of the model that `lod-meta.json` in this folder describes.
+/// A fault of `lod-meta.json`.
+fn wrong(what: impl Display) -> Fault {
+    malformed(LEVELS, format!("{what}; {AGAIN}"))
+}
+
+/// Reads the SOG folder, within this one, whose `meta.json` has this name. Each may be named once: a long list of one folder would fill
+/// any memory.
+fn part<'a>(folder: &Path, name: &'a str, known: &mut BTreeSet<&'a Path>) -> Result<Parsed, Fault> {
+    let path = Path::new(name);
+    if !path.components().all(|c| matches!(c, Component::Normal(_))) || !name.ends_with("meta.json") {
+        return Err(wrong(format!("{name} is not a meta.json within the folder")));
+    }
+    let part = path.parent().unwrap_or(Path::new(""));
+    if !known.insert(part) {
+        return Err(wrong(format!("{name} is named twice")));
+    }
+    unpack::read_folder(&folder.join(part))
+}
+
+/// Reads the finest level of the model that `lod-meta.json` in this folder describes, and its environment.
 pub(in super::super) fn read(folder: &Path) -> Result<Parsed, Fault> {
     let path = folder.join(LEVELS);
     let text = std::fs::read(&path).map_err(|source| Fault::Io { path, source })?;
-    let wrong = |what: String| malformed(LEVELS, format!("{what}; {AGAIN}"));
-    let Levels { filenames, tree } = serde_json::from_slice(&text).map_err(|error| wrong(error.to_string()))?;
+    let Levels { filenames, tree, environment } = serde_json::from_slice(&text).map_err(wrong)?;
     let mut places: BTreeMap<usize, Vec<Place>> = BTreeMap::new();
     let mut nodes = vec![&tree];
     while let Some(node) = nodes.pop() {
@@ -193,16 +214,7 @@ pub(in super::super) fn read(folder: &Path) -> Result<Parsed, Fault> {
     let mut known = BTreeSet::new();
     for (file, mut places) in places {
         let name = filenames.get(file).ok_or_else(|| wrong(format!("there is no file {file}")))?;
-        let path = Path::new(name);
-        if !path.components().all(|c| matches!(c, Component::Normal(_))) || !name.ends_with("meta.json") {
-            return Err(wrong(format!("{name} is not a meta.json within the folder")));
-        }
-        // A long list of one folder would fill any memory.
-        let part = path.parent().unwrap_or(Path::new(""));
-        if !known.insert(part) {
-            return Err(wrong(format!("{name} is named twice")));
-        }
-        let mut part = unpack::read_folder(&folder.join(part))?;
+        let mut part = part(folder, name, &mut known)?;
         places.sort_by_key(|place| place.offset);
         let mut kept = Vec::new();
         for Place { offset, count, .. } in places {
@@ -223,5 +235,11 @@ pub(in super::super) fn read(folder: &Path) -> Result<Parsed, Fault> {
             }
         }
     }
-    whole.map(|parsed| Parsed { format: Format::Sog, ..parsed }).ok_or_else(|| wrong("no Gaussians of level 0".into()))
+    let mut whole = whole.ok_or_else(|| wrong("no Gaussians of level 0"))?;
+    if let Some(name) = environment.as_deref().filter(|name| !name.is_empty()) {
+        let around = part(folder, name, &mut known)?;
+        whole.gaussians.append(&around.gaussians);
+        whole.tag = Tag::of_parts([whole.tag, around.tag]);
+    }
+    Ok(whole)
 }

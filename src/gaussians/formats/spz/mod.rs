@@ -16,8 +16,9 @@ const FLAG_ANTIALIASED: u8 = 1;
 const HEADER: usize = 32;
 const MAGIC: u32 = u32::from_le_bytes(*b"NGSP");
 
-/// Greatest magnitude of SH coefficients above band 0; 1 itself is stored as 127/128.
-pub(super) const SH_LIMIT: f32 = 1.0;
+/// Greatest magnitudes of SH coefficients that are not cut off: in band 0, with half a step of a byte, and above it; 1 itself is stored
+/// as 127/128.
+pub(super) const SH_LIMITS: [f32; 2] = [128.0 / 255.0 / COLOUR_SCALE, 1.0];
 
 /// Colours are stored as 0.15 SH + 0.5, not 0.282 SH + 0.5: headroom for values that higher bands bring back.
 const COLOUR_SCALE: f32 = 0.15;

@@ -5,6 +5,7 @@
 //! after a quarter turn about x where Z is up; their unit is `metersPerUnit`. The schema knows neither dilation nor anti-aliasing: the tag lies in the prim's
 //! `customData`. The local origin of means is its translation. Facts: openusd.org/release/user_guides/schemas/usdVol.
 
+mod arrays;
 mod package;
 mod read;
 mod scan;

@@ -5,12 +5,11 @@ use std::ops::RangeInclusive;
 use glam::{DAffine3, DVec3};
 
 use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert, convert_place};
-use super::super::linear::{log_scale, logit};
 use super::super::turn::place;
+use super::arrays::{Arrays, gaussians};
 use super::scan::Scan;
 use super::transform::Transform;
-use super::{AGAIN, Fault, Format, Gaussians, PRIM, Parsed, TAG, Tag, malformed};
-use crate::gaussians::MAX_SH_DEGREE;
+use super::{Fault, Format, Gaussians, PRIM, Parsed, TAG, Tag};
 use crate::wording::shown;
 
 /// Deepest nesting of prims.
@@ -23,19 +22,6 @@ const HIDDEN: &str =
     "each is invisible, inactive, a guide, a proxy, a class or an over; show it in the program that made the file";
 /// Units of length that are read, in metres.
 const UNITS: RangeInclusive<f64> = 1e-20..=1e20;
-
-/// Attributes of a prim with Gaussians.
-#[derive(Default)]
-struct Arrays {
-    positions: Option<Vec<f32>>,
-    orientations: Option<Vec<f32>>,
-    scales: Option<Vec<f32>>,
-    opacities: Option<Vec<f32>>,
-    degree: Option<f32>,
-    coefficients: Option<Vec<f32>>,
-    /// True if one of them has time samples, which are not read.
-    sampled: bool,
-}
 
 /// Gaussians, their tag, and the map from their axes to those of the scope that they are in.
 type Part = (Gaussians, Tag, DAffine3);
@@ -66,6 +52,36 @@ struct Scope {
     aside: Option<bool>,
     /// True for the value of a property: a dictionary, or the variants of a set.
     value: bool,
+    /// Attributes with time samples, which are not read, as far as they would change its Gaussians.
+    sampled: Vec<String>,
+}
+
+impl Scope {
+    /// Notes that an attribute has time samples.
+    fn sample(&mut self, name: &[u8]) {
+        let array = self.splats.as_mut().and_then(|arrays| arrays.named(name));
+        let counts = array.is_some() || name == b"visibility" || name.starts_with(b"xformOp:");
+        if let Some(array) = array {
+            array.sampled = true;
+        }
+        if counts {
+            self.sampled.push(String::from_utf8_lossy(name).into_owned());
+        }
+    }
+
+    /// What a user should know of its time samples; those of transforms count where it has an order of them.
+    fn doubt(&self) -> Option<String> {
+        let counts = |name: &&str| !name.starts_with("xformOp:") || !self.transform.order.is_empty();
+        let names: Vec<&str> = self.sampled.iter().map(String::as_str).filter(counts).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "prim {} has time samples of {}, which are not read: its default values are used; to get another time, \
+                 export that frame",
+                shown(&self.name, 40),
+                shown(&names.join(", "), 120)
+            )
+        })
+    }
 }
 
 /// Reads a text layer; its prims with Gaussians are one model.
@@ -152,6 +168,7 @@ impl Reader<'_> {
                     if aside == Some(true) && scope.splats.take().is_some() {
                         self.hidden = true;
                     }
+                    let doubt = scope.doubt();
                     if let Some(arrays) = scope.splats {
                         let (part, tag) = gaussians(arrays, &scope.name)?;
                         scope.parts.push((part, tag, DAffine3::IDENTITY));
@@ -163,7 +180,11 @@ impl Reader<'_> {
                     }
                     let around = scopes.last_mut().map_or(&mut self.parts, |scope| &mut scope.parts);
                     for (part, tag, map) in scope.parts {
-                        around.push((part, tag.or(&scope.tag), scope.transform.map()? * map));
+                        let mut tag = tag.or(&scope.tag);
+                        if let Some(doubt) = &doubt {
+                            tag.add_doubt(doubt.clone());
+                        }
+                        around.push((part, tag, scope.transform.map()? * map));
                     }
                 }
                 _ => self.statement(&mut scopes)?,
@@ -230,10 +251,8 @@ impl Reader<'_> {
         }
         if first == b'{' {
             self.scan.at += 1;
-            if let Some(arrays) = scopes.last_mut().and_then(|scope| scope.splats.as_mut()) {
-                let sampled = name.strip_suffix(b".timeSamples");
-                arrays.sampled |=
-                    sampled.is_some_and(|name| arrays.values(name.strip_suffix(b"h").unwrap_or(name)).is_some());
+            if let (Some(scope), Some(sampled)) = (scopes.last_mut(), name.strip_suffix(b".timeSamples")) {
+                scope.sample(sampled);
             }
             scopes.push(Scope { value: true, ..Scope::default() });
             return Ok(());
@@ -267,12 +286,11 @@ impl Reader<'_> {
             arrays.degree = self.scan.numbers()?.first().copied();
             return Ok(());
         }
-        let half = name.strip_suffix(b"h");
-        let Some(values) = arrays.values(half.unwrap_or(name)) else { return self.scan.pass() };
+        let Some(array) = arrays.named(name) else { return self.scan.pass() };
         let numbers = self.scan.numbers()?;
         // An attribute may stand in both types; float counts.
-        if values.as_ref().is_none_or(Vec::is_empty) || (half.is_none() && !numbers.is_empty()) {
-            *values = Some(numbers);
+        if array.values.as_ref().is_none_or(Vec::is_empty) || (!name.ends_with(b"h") && !numbers.is_empty()) {
+            array.values = Some(numbers);
         }
         Ok(())
     }
@@ -315,76 +333,4 @@ impl Reader<'_> {
         self.scan.at = end;
         Ok(metadata)
     }
-}
-
-impl Arrays {
-    /// The array of an attribute; none if it is no attribute of Gaussians.
-    fn values(&mut self, name: &[u8]) -> Option<&mut Option<Vec<f32>>> {
-        Some(match name {
-            b"positions" => &mut self.positions,
-            b"orientations" => &mut self.orientations,
-            b"scales" => &mut self.scales,
-            b"opacities" => &mut self.opacities,
-            b"radiance:sphericalHarmonicsCoefficients" => &mut self.coefficients,
-            _ => return None,
-        })
-    }
-}
-
-/// The Gaussians of a prim, in the layer's axes. As in the schema, an array that is longer than the positions is cut, and
-/// an absent one has a default value.
-fn gaussians(arrays: Arrays, name: &str) -> Result<(Gaussians, Tag), Fault> {
-    let Arrays { positions, orientations, scales, opacities, degree, coefficients, sampled } = arrays;
-    let record = format!("prim {}", shown(name, 40));
-    let only_sampled = |what: &str| malformed(&record, format!("has no {what}, or only in time samples; {AGAIN}"));
-    let positions = positions.ok_or_else(|| only_sampled("positions"))?;
-    let n = positions.len() / 3;
-    let mut defaults = Vec::new();
-    let mut of = |values: Option<Vec<f32>>, what: &'static str, default: &[f32]| {
-        let length = n * default.len();
-        match values.filter(|values| !values.is_empty()) {
-            Some(values) if values.len() < length || positions.len() > 3 * n => {
-                Err(malformed(&record, format!("{} numbers of {what} for {n} positions; {AGAIN}", values.len())))
-            }
-            Some(mut values) => {
-                values.truncate(length);
-                Ok(values)
-            }
-            None if sampled => Err(only_sampled(what)),
-            None => {
-                defaults.push(what);
-                Ok(default.repeat(n))
-            }
-        }
-    };
-    let rotations = of(orientations, "orientations", &[1.0, 0.0, 0.0, 0.0])?.as_chunks().0.to_vec();
-    let scales: Vec<f32> = of(scales, "scales", &[1.0; 3])?.into_iter().map(log_scale).collect();
-    let opacities = of(opacities, "opacities", &[1.0])?;
-    let degree = if coefficients.is_some() { degree.unwrap_or(3.0) } else { 0.0 };
-    let degree = (0..=MAX_SH_DEGREE).find(|l| *l as f32 == degree).ok_or_else(|| {
-        Fault::Unsupported(format!("SH degree {degree}; 0 to {MAX_SH_DEGREE} are read; export it with one of these"))
-    })?;
-    let width = 3 * (degree + 1).pow(2);
-    // Cut, rows of more bands would be those of other Gaussians.
-    let given = coefficients.as_ref().map_or(0, Vec::len);
-    if n > 0 && (degree + 1..=MAX_SH_DEGREE).any(|l| given == n * 3 * (l + 1).pow(2)) {
-        let what = format!("{given} numbers of spherical harmonics for {n} positions and degree {degree}; {AGAIN}");
-        return Err(malformed(&record, what));
-    }
-    let coefficients = of(coefficients, "spherical harmonics", &[0.0; 48][..width])?;
-    let doubt = (!defaults.is_empty())
-        .then(|| format!("{record} has no {}; the schema's default values are used", defaults.join(", ")));
-    let band = |l: usize| -> Vec<f32> {
-        coefficients.chunks_exact(width).flat_map(|row| &row[3 * l * l..3 * (l + 1) * (l + 1)]).copied().collect()
-    };
-    let gaussians = Gaussians {
-        means: positions.as_chunks().0.to_vec(),
-        log_scales: scales.as_chunks().0.to_vec(),
-        rotations,
-        opacity_logits: opacities.into_iter().map(logit).collect(),
-        sh: (0..=degree).map(band).collect(),
-    };
-    let mut tag = Tag::default();
-    tag.add_first(doubt);
-    Ok((gaussians, tag))
 }

@@ -26,20 +26,40 @@ impl<'a> Scan<'a> {
     pub(super) fn peek(&mut self) -> Option<u8> {
         loop {
             match self.text.get(self.at)? {
-                b'#' => {
-                    let rest = &self.text[self.at..];
-                    self.at += rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
-                }
+                b'#' | b'/' => match self.comment(self.at) {
+                    0 => return Some(b'/'),
+                    length => self.at += length,
+                },
                 b if b.is_ascii_whitespace() || matches!(b, b';' | b',') => self.at += 1,
                 b => return Some(*b),
             }
         }
     }
 
+    /// Bytes of the comment that begins at this place of the text, without the end of its line; 0 if none begins there.
+    fn comment(&self, at: usize) -> usize {
+        let rest = &self.text[at..];
+        if rest.starts_with(b"#") || rest.starts_with(b"//") {
+            return rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
+        }
+        let Some(block) = rest.strip_prefix(b"/*") else { return 0 };
+        block.windows(2).position(|end| end == b"*/").map_or(rest.len(), |end| end + 4)
+    }
+
     /// True if a line ends before the next word.
     pub(super) fn line_ends(&self) -> bool {
-        let rest = &self.text[self.at.min(self.text.len())..];
-        rest.iter().find(|b| !matches!(b, b' ' | b'\t' | b'\r')).is_none_or(|b| matches!(b, b'\n' | b'#' | b';'))
+        let mut at = self.at;
+        loop {
+            match self.text.get(at) {
+                None | Some(b'\n' | b'#' | b';') => return true,
+                Some(b' ' | b'\t' | b'\r') => at += 1,
+                Some(b'/') => match self.comment(at) {
+                    0 => return false,
+                    length => at += length,
+                },
+                Some(_) => return false,
+            }
+        }
     }
 
     /// The next word: a name with its colons, dots and brackets, a quoted text without its quotes, or one sign.
@@ -144,6 +164,22 @@ mod tests {
             assert_eq!(scan.word(), Some(word.as_bytes()));
         }
         assert_eq!((scan.word(), scan.peek()), (None, None));
+    }
+
+    #[test]
+    fn comments_are_no_content() {
+        let mut scan = Scan::new(b"x // it's {\n/* \" [ */y/**/= [1, /* 2,\n*/ 3, // 4\n5/* */] </a> \"//\" / /* open");
+        assert_eq!(scan.word(), Some(&b"x"[..]));
+        assert!(scan.line_ends());
+        assert_eq!(scan.word(), Some(&b"y"[..]));
+        assert!(!scan.line_ends());
+        assert_eq!(scan.word(), Some(&b"="[..]));
+        assert_eq!(scan.numbers::<f32>().unwrap(), [1.0, 3.0, 5.0]);
+        for word in ["<", "/", "a", ">", "//", "/"] {
+            assert_eq!(scan.word(), Some(word.as_bytes()));
+        }
+        assert!(scan.line_ends());
+        assert_eq!(scan.peek(), None);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec2;
 
 use super::super::files;
-use super::{Cameras, ImageRow, Mark, PointRow, cameras_of, model_of};
+use super::{Cameras, ImageRow, Mark, PointRow, cameras_of, few, model_of};
 use crate::scene::Error;
 use crate::scene::lens::Lens;
 
@@ -121,7 +121,7 @@ pub(super) fn images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {
         let name = cursor.name()?;
         let points = cursor.count(24)?;
         let points = cursor.take(24 * points)?.as_chunks::<24>().0;
-        let marks = points.iter().filter(|_| marks).filter_map(mark).collect();
+        let marks = few(points.iter().filter(|_| marks).filter_map(mark).collect());
         Ok(ImageRow { id, quaternion, translation, camera_id, name, marks })
     })
 }

@@ -5,6 +5,7 @@ mod split;
 mod text;
 
 use crate::extension::has_extension;
+use crate::sample::evenly;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -69,6 +70,14 @@ fn read_part<T>(
     text: impl Fn(&Path) -> Result<T, Error>,
 ) -> Result<T, Error> {
     if has_extension(path, &["txt"]) { text(path) } else { binary(path) }
+}
+
+/// Largest number of a photo's 2D points by which its pose is compared with the points.
+const MARKS: usize = 500;
+
+/// At most [`MARKS`] of a photo's 2D points.
+fn few(marks: Vec<Mark>) -> Vec<Mark> {
+    if marks.len() <= MARKS { marks } else { evenly(&marks, MARKS).copied().collect() }
 }
 
 fn read_images(path: &Path, marks: bool) -> Result<Vec<ImageRow>, Error> {

@@ -26,9 +26,40 @@ pub(super) fn unread(root: &Path) -> Option<String> {
     none.then(|| format!("{list} is not read: write its names to train_list.txt and test_list.txt in {folder}"))
 }
 
+/// A model's photos, by what lists call them.
+struct Known<'a> {
+    /// By their names in COLMAP, with forward slashes.
+    exact: HashMap<String, &'a str>,
+    /// By the keys of their names; none for a key that photos share.
+    keys: HashMap<String, Option<&'a str>>,
+}
+
+impl<'a> Known<'a> {
+    fn of(rows: &'a [ImageRow]) -> Self {
+        let (mut exact, mut keys) = (HashMap::new(), HashMap::new());
+        for name in rows.iter().map(|row| row.name.as_str()) {
+            exact.insert(names::tidy(name), name);
+            let only = keys.entry(names::key(name)).or_insert(Some(name));
+            *only = only.filter(|other| *other == name);
+        }
+        Self { exact, keys }
+    }
+
+    /// The photo that a list names: by its exact name, else without extension and case, if no other photo is called so.
+    fn find(&self, listed: &str) -> Option<&'a str> {
+        let exact = self.exact.get(&names::tidy(listed)).copied();
+        exact.or_else(|| self.keys.get(&names::key(listed)).copied().flatten())
+    }
+
+    /// True if several photos have this name without extension and case.
+    fn share(&self, listed: &str) -> bool {
+        self.keys.get(&names::key(listed)).is_some_and(Option::is_none)
+    }
+}
+
 /// The roles of a model's photos.
 pub(super) struct Roles {
-    /// By the keys of their names.
+    /// By their names in COLMAP.
     listed: HashMap<String, Role>,
     /// The role of all others; none if they are not used.
     others: Option<Role>,
@@ -44,27 +75,38 @@ impl Roles {
             file.is_file().then(|| (files::read_text(&file).unwrap_or_default(), file, role))
         };
         let mut lists: Vec<_> = LISTS.iter().filter_map(|(name, role)| read((root, name, *role))).collect();
-        let known: HashSet<String> = rows.iter().map(|row| names::key(&row.name)).collect();
-        let names_one = |text: &str| text.lines().any(|line| known.contains(&names::key(line.trim())));
+        let known = Known::of(rows);
+        let names_one = |text: &str| text.lines().any(|line| known.find(line.trim()).is_some());
         if !lists.iter().any(|(text, ..)| names_one(text)) {
             lists.extend(read((model, "test.txt", Role::Test)));
         }
         let (mut listed, mut doubtful) = (HashMap::new(), HashSet::new());
         for (text, file, role) in lists {
-            let lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
-            let (named, unknown): (HashSet<String>, HashSet<String>) =
-                lines.map(names::key).partition(|name| known.contains(name));
+            let (mut named, mut shared, mut unknown) = (HashSet::new(), HashSet::new(), HashSet::new());
+            for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
+                match known.find(line) {
+                    Some(name) => named.insert(name.to_owned()),
+                    None if known.share(line) => shared.insert(line),
+                    None => unknown.insert(line),
+                };
+            }
             let (photos, file) = (counted(named.len(), "photo"), file.display());
+            let one = if shared.is_empty() { "" } else { "single " };
             skipped.notes.push(match (named.len(), role) {
-                (0, Role::Train) => format!("{file} names no photo: it is ignored"),
-                (0, _) => format!("{file} names no photo: nothing is held out by it"),
+                (0, Role::Train) => format!("{file} names no {one}photo: it is ignored"),
+                (0, _) => format!("{file} names no {one}photo: nothing is held out by it"),
                 (_, Role::Train) => format!("{photos} to use, as {file} says"),
                 (_, Role::Validation) => format!("{photos} for validation, as {file} says"),
                 _ => format!("{photos} held out, as {file} says"),
             });
-            if !named.is_empty() && !unknown.is_empty() {
+            if named.len() + shared.len() > 0 && !unknown.is_empty() {
                 let names = counted(unknown.len(), "name");
                 skipped.notes.push(format!("{names} in {file} that no photo has"));
+            }
+            if !shared.is_empty() {
+                let names = counted(shared.len(), "name");
+                let what = "that several photos share without extension and case, not used: write a photo's whole name";
+                skipped.notes.push(format!("{names} in {file} {what}"));
             }
             for name in named {
                 let before = listed.insert(name.clone(), role);
@@ -89,7 +131,7 @@ impl Roles {
 
     /// The role of a photo; none, and the photo is counted, if it is not used.
     pub fn find(&mut self, name: &str) -> Option<Role> {
-        let role = self.listed.get(&names::key(name)).copied().or(self.others);
+        let role = self.listed.get(name).copied().or(self.others);
         if role.is_none() {
             self.unlisted.add(name);
         }

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use glam::DVec2;
 
 use super::super::files;
-use super::{Cameras, ImageRow, Mark, PointRow, cameras_of};
+use super::{Cameras, ImageRow, Mark, PointRow, cameras_of, few};
 use crate::scene::Error;
 use crate::scene::lens::{Lens, LensModel};
 
@@ -116,7 +116,7 @@ fn marks_of(line: &str) -> Vec<Mark> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let id = |word: &str| word.trim_end_matches('0').strip_suffix('.').unwrap_or(word).parse::<u64>().ok();
     let mark = |t: &[&str]| Some((DVec2::new(t[0].parse().ok()?, t[1].parse().ok()?), id(t[2])?));
-    words.chunks_exact(3).filter_map(mark).collect()
+    few(words.chunks_exact(3).filter_map(mark).collect())
 }
 
 /// True for triples of two numbers and an index; the names of other images may have as many words.

@@ -4,6 +4,7 @@ use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 use super::super::names::tidy;
+use crate::wording::shown;
 
 /// A frame: a photo and its pose.
 #[derive(Deserialize)]
@@ -57,6 +58,21 @@ impl Frame {
 /// True for a matrix of which a file says nothing: null, or an empty list.
 fn is_unsaid(matrix: &Value) -> bool {
     matrix.is_null() || matrix.as_array().is_some_and(Vec::is_empty)
+}
+
+/// Refuses frames that have names, and of which none has a field of a pose.
+pub(super) fn with_matrices<'a>(mut frames: impl Iterator<Item = &'a Value> + Clone) -> Result<(), String> {
+    let lacks = |frame: &Value, name: &str| frame.get(name).is_none();
+    let lacks_all = |frame: &Value| {
+        name_of(frame).is_some() && lacks(frame, "transform_matrix") && lacks(frame, "transform_matrix_start")
+    };
+    let first = frames.clone().next();
+    let Some(first) = first.filter(|_| frames.all(lacks_all)) else { return Ok(()) };
+    let fields: Vec<&str> = first.as_object().into_iter().flat_map(serde_json::Map::keys).map(String::as_str).collect();
+    Err(format!(
+        "its frames give no transform_matrix, 4 x 4 numbers from camera to world (the first one has {}): add it to each frame",
+        shown(&fields.join(", "), 120)
+    ))
 }
 
 /// Fields of nerfstudio's file that concern all frames.

@@ -25,7 +25,7 @@ use crate::scene::lens::Lens;
 use crate::scene::view::{Role, View};
 use crate::scene::{Error, Names, OpenOptions, SceneKind, Skipped};
 use crate::wording::counted;
-use fields::{Frame, Whole, fields, movement, name_of, without_nan};
+use fields::{Frame, Whole, fields, movement, name_of, with_matrices, without_nan};
 use intrinsics::Intrinsics;
 
 /// Difference of a side from that of eight times its smaller copy.
@@ -151,6 +151,9 @@ impl Reader {
         let top = |what: String| Error::malformed(path, "the top level", what);
         let common = Intrinsics::of(&json).map_err(top)?;
         let whole = Whole::of(&json).map_err(top)?;
+        if role == Role::Unsaid {
+            with_matrices(frames.iter().chain(&whole.test_frames)).map_err(top)?;
+        }
         self.has_opencv_axes = whole.from_na;
         self.crop_radius = whole.fisheye_crop_radius.filter(|radius| *radius > 0.0);
         self.choose_folder(frames.iter().chain(&whole.test_frames));

@@ -1,6 +1,6 @@
 //! Photos, cameras and poses that need a look, and advice on them.
 
-use crate::effects::{Agreement, Change};
+use super::{Agreement, Change};
 use crate::scene::{Misfit, Reading, Scene, median};
 use crate::wording::counted;
 use serde_json::{Value, json};
@@ -23,7 +23,7 @@ struct Measured<'a> {
 
 /// What would bring points to their places.
 #[derive(Clone, Copy)]
-enum Cause {
+pub(super) enum Cause {
     Read(Reading),
     /// Focal lengths times this.
     Focal(f64),
@@ -38,7 +38,7 @@ struct Unfit {
 }
 
 /// Photos, cameras and poses that need a look.
-pub(super) struct Doubts<'a> {
+pub struct Doubts<'a> {
     /// The misfit of the middle photo.
     middle: Option<Misfit>,
     /// What all photos have in common, if that does not fit, with the misfit that is left, in pixels.
@@ -55,6 +55,7 @@ pub(super) struct Doubts<'a> {
 }
 
 impl<'a> Doubts<'a> {
+    /// Compares the poses of a scene with its points; `agreement` tells of its photos.
     pub fn of(scene: &'a Scene, agreement: Agreement) -> Self {
         let mut fits: Vec<Measured<'a>> = Vec::new();
         for view in &scene.views {
@@ -65,7 +66,7 @@ impl<'a> Doubts<'a> {
         }
         fits.sort_by(|a, b| b.misfit.excess().total_cmp(&a.misfit.excess()));
         let middle = fits.get(fits.len() / 2).map(|fit| fit.misfit);
-        let cause = middle.filter(|middle| middle.excess() > 1.0).and_then(|_| cause(&fits));
+        let cause = middle.filter(|middle| middle.excess() > 1.0).and_then(|_| cause(&of_all(&fits)));
         let limit = middle.map_or(0.0, |middle| f64::max(1.0, MISFIT * middle.excess()));
         let alone = cause.is_none() && middle.is_some_and(|middle| !middle.behind);
         let misfits: Vec<Measured<'a>> =
@@ -91,6 +92,7 @@ impl<'a> Doubts<'a> {
         self.misfits.iter().map(|fit| fit.photo).chain(named).collect()
     }
 
+    /// Fields of a JSON document.
     pub fn fields(&self) -> Value {
         let misfits = self.misfits.iter();
         let misfits = misfits.map(|m| json!({ "photo": m.photo, "px": m.misfit.px, "share": m.misfit.share() }));
@@ -106,9 +108,11 @@ impl<'a> Doubts<'a> {
             "disagreeing": doubted.map(|(photo, r)| json!({ "photo": photo, "agreement": r })).collect::<Vec<_>>(),
             "single_colour": self.agreement.single_colour,
             "equal_photos": self.agreement.equal,
+            "copied_photos": self.agreement.copies,
         })
     }
 
+    /// A line on each fault that was found, with a remedy.
     pub fn advice(&self) -> Vec<String> {
         let as_a_whole = self.whole();
         let photos = if as_a_whole.is_none() { self.disagreeing() } else { None };
@@ -119,11 +123,15 @@ impl<'a> Doubts<'a> {
         let single = &self.agreement.single_colour;
         let alike = counted(single.len(), "photo");
         said.extend((!single.is_empty()).then(|| format!("{alike} of a single colour: leave out ({})", few(single))));
-        let equal: Vec<String> = self.agreement.equal.iter().map(|group| group.join(" = ")).collect();
-        let count: usize = self.agreement.equal.iter().map(Vec::len).sum();
-        said.extend((count > 0).then(|| {
-            format!("{count} photos with the same pixels under different poses: do their names fit? ({})", few(&equal))
-        }));
+        let alike = [
+            (&self.agreement.equal, "with the same pixels under different poses: do their names fit?"),
+            (&self.agreement.copies, "with the same pixels and pose, which flatter the scores: leave out all but one"),
+        ];
+        for (groups, what) in alike {
+            let count: usize = groups.iter().map(Vec::len).sum();
+            let names: Vec<String> = groups.iter().map(|group| group.join(" = ")).collect();
+            said.extend((count > 0).then(|| format!("{count} photos {what} ({})", few(&names))));
+        }
         said
     }
 
@@ -192,9 +200,13 @@ impl<'a> Doubts<'a> {
     }
 }
 
+fn of_all(fits: &[Measured<'_>]) -> Vec<Misfit> {
+    fits.iter().map(|fit| fit.misfit).collect()
+}
+
 /// What removes most of the photos' misfit, if anything does, with what is left in pixels: medians over the photos.
-fn cause(fits: &[Measured<'_>]) -> Option<(Cause, f64)> {
-    let middle = |of: &dyn Fn(&Misfit) -> f64| median(&mut fits.iter().map(|fit| of(&fit.misfit)).collect::<Vec<_>>());
+pub(super) fn cause(fits: &[Misfit]) -> Option<(Cause, f64)> {
+    let middle = |of: &dyn Fn(&Misfit) -> f64| median(&mut fits.iter().map(of).collect::<Vec<_>>());
     let most = LEFT * middle(&|misfit| misfit.px)?;
     let mut causes = Vec::new();
     for (k, reading) in Reading::ALL.into_iter().enumerate() {
@@ -216,7 +228,7 @@ fn unfit(fits: &[Measured<'_>], limit: f64, count: usize) -> Vec<Unfit> {
     let of = |(camera, own): (u32, Vec<Measured<'_>>)| {
         let off: Vec<Measured<'_>> = own.iter().filter(|fit| fit.misfit.excess() > limit).copied().collect();
         let many = off.len() >= OF_CAMERA.1 && off.len() as f64 >= OF_CAMERA.0 * own.len() as f64;
-        let cause = cause(&off).filter(|(cause, _)| matches!(cause, Cause::Focal(_)));
+        let cause = cause(&of_all(&off)).filter(|(cause, _)| matches!(cause, Cause::Focal(_)));
         many.then(|| Unfit { camera, photos: own.len(), middle: off[off.len() / 2].misfit, cause })
     };
     by_camera.into_iter().filter_map(of).collect()
@@ -255,8 +267,8 @@ fn changed(change: Change) -> &'static str {
     match change {
         Change::Read(Reading::CameraToWorld) => "the poses seem to be inverted (camera to world, or world to camera)",
         Change::Read(Reading::OpenGl) => "the cameras' y and z axes seem to be flipped",
-        Change::Mirrored => "the photos seem to be mirrored, left to right",
-        Change::Turned => "the photos seem to be turned by 180°",
+        Change::Mirrored => "the photos seem to be mirrored, left to right (give the photos that were posed)",
+        Change::Turned => "the photos seem to be turned by 180° (give the photos that were posed)",
         Change::Next => "the names seem to be off by one (each photo shows what the pose before its own sees)",
         Change::Previous => "the names seem to be off by one (each photo shows what the pose after its own sees)",
     }
