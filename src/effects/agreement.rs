@@ -62,7 +62,7 @@ impl Agreement {
             by_photo(scene, thumbnails).into_par_iter().partition(|photo| is_single_colour(photo));
         let left_out: BTreeSet<&str> = single.iter().map(|photo| photo[0].0.photo_name()).collect();
         let single_colour = left_out.iter().map(|name| (*name).to_owned()).collect();
-        let [equal, copies] = [true, false].map(|moved| equal(scene, &rest, moved));
+        let [equal, copies] = equal(scene, &rest);
         let mut found = Self { single_colour, equal, copies, ..Self::default() };
         found.compare(&Sights::of(scene, thumbnails, &left_out));
         found
@@ -147,8 +147,8 @@ fn is_single_colour(photo: &[(&View, &Thumbnail)]) -> bool {
     visible > 0 && f64::from(visible) >= least * f64::from(all) && counts.iter().all(narrow)
 }
 
-/// Groups of photos whose first views have the same pixels, and poses that differ or not.
-fn equal(scene: &Scene, photos: &[Views<'_>], differ: bool) -> Vec<Vec<String>> {
+/// Groups of photos whose first views have the same pixels: under different poses, and under the same one.
+fn equal(scene: &Scene, photos: &[Views<'_>]) -> [Vec<Vec<String>>; 2] {
     let views: Vec<usize> = (0..scene.views.len()).collect();
     let near = SAME_POSE.1 * scene.extent(&views);
     let sums: Vec<u32> = photos.par_iter().map(|photo| crc32([photo[0].1.pixels.as_slice()])).collect();
@@ -159,23 +159,26 @@ fn equal(scene: &Scene, photos: &[Views<'_>], differ: bool) -> Vec<Vec<String>> 
             by_sum.entry(*sum).or_default().push(photo[0]);
         }
     }
-    let twins = |a: &(&View, &Thumbnail), b: &(&View, &Thumbnail)| {
-        a.1.pixels == b.1.pixels
+    let twins = |a: &(&View, &Thumbnail), b: &(&View, &Thumbnail), differ: bool| {
+        moved(&a.0.camera, &b.0.camera, near) == differ
             && a.1.camera.width == b.1.camera.width
-            && moved(&a.0.camera, &b.0.camera, near) == differ
+            && a.1.pixels == b.1.pixels
     };
-    let mut groups: Vec<Vec<String>> = Vec::new();
-    for mut group in by_sum.into_values() {
-        while let Some((first, rest)) = group.split_first() {
-            let (same, others): (Views<'_>, Views<'_>) = rest.iter().partition(|other| twins(first, other));
-            let names = [vec![*first], same.clone()].concat().iter().map(|(v, _)| v.photo_name().to_owned()).collect();
-            groups.extend((!same.is_empty()).then_some(names));
-            // Of photos under different poses, one group tells.
-            group = if differ { Vec::new() } else { others };
+    [true, false].map(|differ| {
+        let mut groups: Vec<Vec<String>> = Vec::new();
+        for group in by_sum.values() {
+            let mut left = group.clone();
+            while let Some((first, rest)) = left.split_first() {
+                let (same, others): (Views<'_>, Views<'_>) = rest.iter().partition(|other| twins(first, other, differ));
+                let names = [first].into_iter().chain(&same).map(|(view, _)| view.photo_name().to_owned());
+                groups.extend((!same.is_empty()).then(|| names.collect()));
+                // Of photos under different poses, one group tells.
+                left = if differ { Vec::new() } else { others };
+            }
         }
-    }
-    groups.sort();
-    groups
+        groups.sort();
+        groups
+    })
 }
 
 /// True if two poses differ by more than any two that were found for the same photo.

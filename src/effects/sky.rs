@@ -77,7 +77,7 @@ pub fn sky(set: &TrainingSet<'_>) -> (Decision, Vec<Point>) {
     }
     let share = beyond as f64 / shown.max(1) as f64;
     let evidence = format!(
-        "{:.1} % of what photos show lies beyond all points, and looks alike in all of them ({} of {DIRECTIONS})",
+        "{:.1} % of what photos show lies beyond all points, and looks alike in most of them ({} of {DIRECTIONS})",
         100.0 * share,
         counted(found.len(), "direction"),
     );

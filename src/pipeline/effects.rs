@@ -180,9 +180,9 @@ pub fn add_sky(decisions: &mut [Decision], sky: Vec<Point>, (config, start): (&R
     };
     if from_points {
         scene.points.extend(sky);
-    } else if let Some(d) = decisions.iter_mut().find(|d| d.name == Effect::Sky && d.on) {
+    } else if let Some(d) = decisions.iter_mut().find(|d| d.name == Effect::Sky) {
         d.evidence += "; the run does not start from the capture's points";
-        d.on = false;
+        (d.on, d.near_threshold) = (false, false);
     }
 }
 

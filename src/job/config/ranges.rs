@@ -135,7 +135,7 @@ fn pruning(p: &Pruning) -> Result<(), String> {
 }
 
 /// Checks the numbers of a choice of Gaussians, and that its solver knows its overlaps. Errors name fields of `config.toml`.
-pub fn compression(c: &PruneRule) -> Result<(), String> {
+fn compression(c: &PruneRule) -> Result<(), String> {
     match c.keep {
         Keep::Paper { kappa } => within("prune.compression.keep.paper.kappa", kappa, &SHARE)?,
         Keep::Share(share) => within("prune.compression.keep.share", share, &(1e-9..=1.0))?,

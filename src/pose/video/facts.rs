@@ -98,29 +98,41 @@ impl Facts {
     pub fn cut_short(&self, file: &str, log: &Path, watcher: &dyn Watcher) -> Result<Option<String>, Error> {
         let Some(whole) = self.duration else { return Ok(None) };
         let (stream, late) = (self.stream.to_string(), format!("{:.3}%", LATE * whole));
-        let words = ["-select_streams", &stream, "-read_intervals", &late];
-        let entries = ["-show_entries", "packet=pts_time,duration_time", "-of", "csv=p=0", file];
         // Not into the scene's log: there is a line for each frame.
         let times = log.with_extension("times");
-        let lines = probe(&[&words[..], &entries].concat(), &times, watcher);
-        let _ = fs::remove_file(times);
-        match lines {
-            Ok(lines) => Ok(shorter(whole, &lines)),
-            Err(Error::Program { .. }) => Ok(None),
-            Err(other) => Err(other),
+        // Where the index of a film comes first, what is cut off may hold all of its end: then the whole film tells.
+        for interval in [&late, "%"] {
+            let words = ["-select_streams", &stream, "-read_intervals", interval];
+            let entries = ["-show_entries", "packet=pts_time,duration_time", "-of", "csv=p=0", file];
+            let lines = probe(&[&words[..], &entries].concat(), &times, watcher);
+            let _ = fs::remove_file(&times);
+            match lines {
+                Ok(lines) => {
+                    if let Some(end) = end(&lines) {
+                        return Ok(shorter(whole, end));
+                    }
+                }
+                Err(Error::Program { .. }) => return Ok(None),
+                Err(other) => return Err(other),
+            }
         }
+        Ok(None)
     }
 }
 
-/// A note on a video of `whole` seconds whose last frame ends long before them. Each of ffprobe's lines holds the time and the
-/// duration of a frame, in seconds.
-fn shorter(whole: f64, lines: &[String]) -> Option<String> {
+/// The time in seconds at which the last frame ends. Each of ffprobe's lines holds the time and the duration of a frame.
+fn end(lines: &[String]) -> Option<f64> {
     let end = |line: &String| {
         let mut numbers = line.split(',').map(|number| number.parse::<f64>().ok().filter(|v| v.is_finite()));
         Some(numbers.next()?? + numbers.next().flatten().unwrap_or(0.0))
     };
-    let end = lines.iter().filter_map(end).reduce(f64::max).filter(|end| *end < FILLED * whole)?;
-    Some(format!("the video ends after {end:.1} of {whole:.1} s: it may be cut short; copy it again"))
+    lines.iter().filter_map(end).reduce(f64::max)
+}
+
+/// A note on a video of `whole` seconds whose last frame ends long before them.
+fn shorter(whole: f64, end: f64) -> Option<String> {
+    (end < FILLED * whole)
+        .then(|| format!("the video ends after {end:.1} of {whole:.1} s: it may be cut short; copy it again"))
 }
 
 /// The lines that ffprobe writes.
@@ -166,7 +178,8 @@ mod tests {
 
     #[test]
     fn a_video_is_cut_short_if_its_last_frame_ends_early() {
-        let told = |lines: &[&str]| shorter(2.0, &lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>());
+        let told =
+            |lines: &[&str]| shorter(2.0, end(&lines.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>())?);
         let note = told(&["[matroska] File ended prematurely", "0.6,0.1,", "0.5,N/A", "N/A,9.0"]).unwrap();
         assert_eq!(note.split(':').next(), Some("the video ends after 0.7 of 2.0 s"));
         // The last frame of a slow video lasts long, and frames need not come in their order.

@@ -175,7 +175,7 @@ impl BlockRun {
     pub fn coarse(&self, session: &Session<'_>, output: &Output) -> Result<Snapshot, Error> {
         let opened = self.opened()?;
         unchanged(&opened.scene, &self.contents)?;
-        let points = self.config.init == Init::Points && opened.scene.lacks_points().is_none();
+        let points = self.config.init == Init::Points;
         let config = coarse(&self.config, divisor(opened.size()), points);
         let (setup, start) = Setup::load(session, &config, output, output.checkpoint().exists())?;
         all_there(&setup.prepared.scene, &self.photos)?;

@@ -150,8 +150,12 @@ fn videos_that_are_cut_short_or_interlaced_are_told() {
     }
     let stage = Stage::new();
     made("testsrc=size=64x48:rate=10:duration=2", &["-c:v", "ffv1"], &stage.path("whole.mkv"));
-    let whole = fs::read(stage.path("whole.mkv")).unwrap();
-    fs::write(stage.path("half.mkv"), &whole[..whole.len() / 2]).unwrap();
+    let film = ["-c:v", "mpeg4", "-g", "5", "-movflags", "+faststart"];
+    made("testsrc=size=64x48:rate=10:duration=20", &film, &stage.path("film.mp4"));
+    for (whole, half) in [("whole.mkv", "half.mkv"), ("film.mp4", "part.mp4")] {
+        let whole = fs::read(stage.path(whole)).unwrap();
+        fs::write(stage.path(half), &whole[..whole.len() / 2]).unwrap();
+    }
     let tape = ["-vf", "interlace", "-c:v", "mpeg2video", "-flags", "+ildct+ilme"];
     made("testsrc=size=64x48:rate=20:duration=2", &tape, &stage.path("tape.mpg"));
     // Whole ones: frames at other times than the rate says, and sound that is longer.
@@ -161,7 +165,9 @@ fn videos_that_are_cut_short_or_interlaced_are_told() {
     made("testsrc=size=64x48:rate=10:duration=2", &sound, &stage.path("song.mkv"));
     let told = [" s: it may be cut short", "the video is interlaced: it is deinterlaced"];
     let whole = ["whole.mkv", "vary.mkv", "song.mkv"].map(|video| (video, None));
-    for (video, wanted) in whole.into_iter().chain([("half.mkv", Some(0)), ("tape.mpg", Some(1))]) {
+    for (video, wanted) in
+        whole.into_iter().chain([("half.mkv", Some(0)), ("part.mp4", Some(0)), ("tape.mpg", Some(1))])
+    {
         let said = end(&mut stage.program(&["pose", video, "-o", &video[..4]])).said;
         assert!(said.contains("sharp frames out of "), "{said}");
         for (n, words) in told.iter().enumerate() {
