@@ -322,8 +322,10 @@ mod tests {
             assert_eq!(remedy(&nowhere).as_deref(), Some("choose another path"));
         }
         says(Error::Read { path: path(), source: io::ErrorKind::NotFound.into() }, &["check the path"]);
-        let unplanned = Error::Read { path: path().join("plan.json"), source: io::ErrorKind::NotFound.into() };
-        says(unplanned, &["a b/c holds no plan: `qirf-vk shard plan` writes one"]);
+        let unplanned =
+            |folder: &Path| Error::Read { path: folder.join("plan.json"), source: io::ErrorKind::NotFound.into() };
+        says(unplanned(&path()), &["check the path"]);
+        says(unplanned(&std::env::temp_dir()), &["holds no plan: `qirf-vk shard plan` writes one"]);
         says(Error::NothingToTrainOn(path()), &["larger --eval-every"]);
         says(Error::NothingHeldOut(path()), &["--eval-every 1"]);
         says(Error::OtherRun { folder: path(), changes: Vec::new() }, &["--config 'a b/c/config.toml'", "-o"]);
