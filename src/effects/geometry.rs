@@ -4,6 +4,7 @@ use super::decision::{Decision, is_near};
 use super::doubts::cause;
 use super::effect::Effect;
 use super::quantile::quantile;
+use super::sky::direction;
 use super::training_set::{DepthEvidence, DepthWitness, TrainingSet};
 use crate::scene::lens::{Lens, VISIBLE_DISPLACEMENT};
 use crate::scene::{ALPHA_SHARE, AlphaRole, Misfit, SceneKind, View, median};
@@ -179,13 +180,7 @@ fn middle_of(set: &TrainingSet<'_>) -> Vec<DVec3> {
     let blender = set.scene.kind == SceneKind::Blender;
     let spread = cameras().map(|c| c.centre().distance(centre)).fold(0.0, f64::max);
     let (middle, radius) = if blender { (DVec3::ZERO, 1.0) } else { (centre + forward * spread, 0.5 * spread) };
-    // A spiral over spheres: sufficiently even, and deterministic.
-    let at = |k: usize| {
-        let (t, turn) = ((k as f64 + 0.5) / 256.0, k as f64 * 2.399963229728653);
-        let z = 1.0 - 2.0 * t;
-        let side = (1.0 - z * z).sqrt();
-        middle + DVec3::new(side * turn.cos(), side * turn.sin(), z) * radius * ((k % 16) as f64 + 1.0) / 16.0
-    };
+    let at = |k: usize| middle + direction(k, 256) * radius * ((k % 16) as f64 + 1.0) / 16.0;
     (0..256).map(at).collect()
 }
 

@@ -53,7 +53,7 @@ pub fn sky(set: &TrainingSet<'_>) -> (Decision, Vec<Point>) {
     let centre = set.scene.centre(set.train);
     let mut lengths: Vec<f64> = set.scene.points.iter().map(|point| point.position.distance(centre)).collect();
     let distance = FARTHER * quantile(&mut lengths, 0.95).max(set.scene.extent(set.train));
-    let places: Vec<DVec3> = (0..DIRECTIONS).map(|k| centre + distance * direction(k)).collect();
+    let places: Vec<DVec3> = (0..DIRECTIONS).map(|k| centre + distance * direction(k, DIRECTIONS)).collect();
     let points: Vec<&Point> = evenly(&set.scene.points, POINTS).collect();
     let looks: Vec<Vec<Look>> = set.photos.par_iter().map(|photo| looks(photo, &points, &places)).collect();
     let shown: usize = looks.iter().map(Vec::len).sum();
@@ -84,9 +84,10 @@ pub fn sky(set: &TrainingSet<'_>) -> (Decision, Vec<Point>) {
     (Decision::by(Effect::Sky, share, SHARE, evidence), spread(&found, MOST))
 }
 
-/// Even directions over the sphere: a spiral.
-fn direction(k: usize) -> DVec3 {
-    let (z, turn) = (1.0 - (2 * k + 1) as f64 / DIRECTIONS as f64, k as f64 * 2.399963229728653);
+/// The k-th of `count` directions that a spiral over the sphere spreads evenly.
+pub(super) fn direction(k: usize, count: usize) -> DVec3 {
+    let (t, turn) = ((k as f64 + 0.5) / count as f64, k as f64 * 2.399963229728653);
+    let z = 1.0 - 2.0 * t;
     let side = (1.0 - z * z).sqrt();
     DVec3::new(side * turn.cos(), side * turn.sin(), z)
 }
