@@ -1,6 +1,6 @@
 # On a fresh machine two commands do everything: `make run` and `make test`. The other targets are parts of them.
 .DEFAULT_GOAL := help
-.PHONY: help setup run viewer-picture viewer-speed test test-quick effects faults floaters soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
+.PHONY: help setup run viewer-picture viewer-speed page-of-a-million test test-quick effects faults floaters soak fuzz check spirv shaders bench bench-quick figures figures-written renders results results-written mutants \
 	gpu-kit gpu-kit-folder gpu-report devices msl python-test cluster-test slurm-test
 
 # rustup's folder of cargo, for shells that have not loaded its environment.
@@ -90,7 +90,7 @@ check: ## verify formatting, lints, shaders and documentation
 	rustfmt --check --edition 2024 tools/spirv.rs tools/mutants.rs
 	cargo clippy --locked --all-targets --all-features -- -D warnings
 	cargo clippy --locked --lib --no-default-features -- -D warnings
-	cargo clippy --locked --lib --no-default-features --features pipeline,lapack -- -D warnings
+	cargo clippy --locked --lib --no-default-features --features pipeline -- -D warnings
 	cargo clippy --locked --no-default-features --features cli,faer -- -D warnings
 	@$(MAKE) --no-print-directory shaders
 	RUSTDOCFLAGS="-D warnings" cargo doc --locked --no-deps --document-private-items --quiet
@@ -202,6 +202,10 @@ results-written:
 viewer-speed: ## measure the viewer and what watching costs: the tables of docs/viewer.md; needs a quiet machine
 	cargo build --release --locked
 	QIRF_PROGRAM="$(CURDIR)/target/release/qirf-vk" cargo test --locked --test program view::speed -- --ignored --nocapture --test-threads 1 2>/dev/null | grep '^|'
+
+# Needs Chromium.
+page-of-a-million: ## open a page of a million Gaussians in Chromium (a minute)
+	cargo test --locked --test program -- --ignored --nocapture a_page_of_a_million_opens
 
 # RUN: folder of a run. Needs Chromium.
 viewer-picture: ## rewrite the picture of the viewer in README.md; RUN=folder of a run

@@ -42,15 +42,15 @@
 //! |---|---|---|
 //! | `train` | `train`: loss, schedule, density control, the training loop | |
 //! | `faer` | `qirf`: selection of Gaussians to prune | |
-//! | `lapack` | `qirf` by LAPACK, which is preferred to `faer` if both are on; Linux only | the system's OpenBLAS (`libopenblas-dev`) |
+//! | `lapack` | `qirf` by LAPACK, which is preferred to `faer` if both are on; Linux only | `faer`; the system's OpenBLAS (`libopenblas-dev`) |
 //! | `synth` | `synth`: an embedded scene, ray-traced into a capture | |
-//! | `pipeline` | `pipeline`: whole jobs such as run, compress and eval; `job`, what they share; `selftest` | `train`, `synth`; `faer` or `lapack` |
+//! | `pipeline` | `pipeline`: whole jobs such as run, compress and eval; `job`, what they share; `selftest` | `train`, `synth`, `faer` |
 //! | `report` | `report`: pages of a job's results | `pipeline` |
 //! | `view` | `view`: a viewer for browsers | `pipeline` |
 //! | `pose` | `pose`: camera poses of photos and videos, by COLMAP or OpenMVG-rs | `pipeline` |
 //! | `shard` | `shard`: compression and training in tasks, for models and scenes larger than a device | `pipeline` |
 //! | `lab` | `lab`: comparisons of pruning methods, and sweeps of accuracy against time | `report` |
-//! | `cli` | the program `qirf-vk` | all above; `faer` or `lapack` |
+//! | `cli` | the program `qirf-vk` | all above but `lapack` |
 //!
 //! # Floors
 //!
@@ -74,7 +74,7 @@ mod lock;
 pub mod metrics;
 mod percent;
 mod ply;
-#[cfg(any(feature = "faer", feature = "lapack"))]
+#[cfg(feature = "faer")]
 pub mod qirf;
 pub mod random;
 pub mod reference;

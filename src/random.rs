@@ -16,7 +16,7 @@ pub fn bits(key: &[u64]) -> u64 {
     key.iter().fold(INCREMENT, |state, word| mix(state ^ word))
 }
 
-/// Uniform in [0, 1).
+/// A random number by key, uniform in [0, 1).
 pub fn uniform(key: &[u64]) -> f64 {
     (bits(key) >> 11) as f64 / (1_u64 << 53) as f64
 }
@@ -32,12 +32,12 @@ impl Random {
         word
     }
 
-    /// Uniform in [0, 1).
+    /// The next number, uniform in [0, 1).
     pub fn unit(&mut self) -> f64 {
         (self.word() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Uniform in [low, high).
+    /// The next number, uniform in [low, high).
     pub fn within(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }

@@ -20,10 +20,10 @@ use std::{env, fs, thread};
 const TESTS: &[(&str, &[&str])] = &[
     ("primitives/arguments", &["primitives::a_count"]),
     ("primitives/compact", &["primitives::compact", "selftest::compact"]),
-    ("primitives/gather", &["primitives::compact", "guards::a_store"]),
+    ("primitives/gather", &["selftest::compact", "guards::a_store"]),
     ("primitives/reduce", &["primitives::reduce"]),
-    ("primitives/scan", &["primitives::scan", "primitives::totals"]),
-    ("primitives/sort", &["primitives::sort", "selftest::sort"]),
+    ("primitives/scan", &["primitives::scan", "primitives::totals", "selftest::scan"]),
+    ("primitives/sort", &["selftest::sort"]),
     ("qirf/", &["device::overlap::", "many_blocks"]),
     ("qirf/participation", &["device::participation::"]),
     ("qirf/rrdm", &["device::rrdm::", "many_blocks"]),

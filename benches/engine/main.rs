@@ -15,6 +15,7 @@ mod frame;
 mod iteration;
 mod loss;
 mod overlap;
+mod peak;
 mod primitives;
 mod rates;
 mod scenes;

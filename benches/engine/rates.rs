@@ -1,8 +1,8 @@
 //! `device`: the device's peak rates, from which the bounds of all other groups are computed.
 
+use super::peak::{By, Chain, Copy, MultiplyAdd};
 use super::{device, facts, group, row, timed};
 use criterion::{BenchmarkId, Criterion, Throughput};
-use qirf_vk::primitives::rates::{By, Chain, Copy, MultiplyAdd};
 
 /// Size in MiB of each of two buffers: within a core's cache, within a shared one, and in memory. The largest is the
 /// size that every device of Vulkan 1.2 can bind.

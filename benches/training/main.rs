@@ -6,14 +6,16 @@
 //! many models as possible. What cannot be measured has a row with its `problem` in place of `ms`.
 #![allow(missing_docs)] // as other benchmarks
 
+mod imbalance;
 #[path = "../engine/scenes.rs"]
 mod scenes;
 
 use clap::Parser;
+use imbalance::Imbalance;
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Gaussians, formats};
 use qirf_vk::gpu::{Device, DeviceKind, DeviceOptions, TuningChoice};
-use qirf_vk::render::{Renderer, Settings};
+use qirf_vk::render::{Renderer, Settings, TrainingRenderer};
 use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, Scene};
 use qirf_vk::train::schedule::Schedule;
 use qirf_vk::train::{Options, STAGES, Trainer};
@@ -149,9 +151,10 @@ fn measure(
 /// Counts of the first photo's picture.
 fn imbalance(device: &Device, model: &Gaussians, photo: &Photo) -> Result<Value, Box<dyn Error>> {
     let (resident, camera) = (Resident::upload(device, model)?, &photo.camera);
-    let mut renderer = Renderer::new(device, Settings::default(), model.len(), camera.width, camera.height)?;
+    let (size, pairs) = ([camera.width, camera.height], u32::try_from(4 * model.len())?);
+    let mut renderer = TrainingRenderer::new(device, Settings::default(), model.len(), size, pairs)?;
     renderer.render(&resident, camera)?;
-    Ok(serde_json::to_value(renderer.imbalance(camera)?)?)
+    Ok(serde_json::to_value(Imbalance::of(device, &renderer.slots(camera))?)?)
 }
 
 fn advance(trainer: &mut Trainer, iterations: u32) -> Result<(), Box<dyn Error>> {

@@ -18,7 +18,7 @@ layout(binding = 1, std430) readonly buffer Count { uint count[]; }; // visible 
 layout(binding = 2, std430) readonly buffer Pairs { uint pairs[]; }; // 0: their number, 0 when they do not fit
 layout(binding = 3, std430) readonly buffer Order { uint order[]; };
 layout(binding = 4, std430) readonly buffer Offsets { uint offsets[]; }; // by depth
-layout(binding = 5, std430) readonly buffer TileCounts { uint tile_counts[]; }; // by Gaussian
+layout(binding = 5, std430) buffer TileCounts { uint tile_counts[]; }; // by Gaussian
 layout(binding = 6, std430) readonly buffer Geometry { vec4 geometry[]; };
 layout(binding = 7, std430) readonly buffer Shape { vec4 shape[]; };
 layout(binding = 8, std430) writeonly buffer Keys { uint keys[]; }; // tiles
@@ -103,24 +103,29 @@ void emit_row(Emitted e, uint row, uvec2 columns, uint slot) {
     }
 }
 
-// Compilers may round differently in this shader and in the counting one: surplus slots go to a tile beyond the last.
-void emit_surplus(Emitted e, uint slot, uint apart) {
+// Compilers may round differently in this shader and in the counting one: surplus slots, which begin at `surplus`, go to a tile
+// beyond the last. No tile adds anything up in them, so they are taken off the Gaussian's count.
+void emit_surplus(Emitted e, uint first, uint surplus, uint own, uint apart) {
     uvec2 tiles = view[0].tiles;
+    if (own == 0 && surplus < e.end) tile_counts[e.gaussian] = surplus - first;
+    uint slot = surplus + own;
     for (; slot < e.end; slot += apart) emit(e, slot, tiles.x * tiles.y, 0);
 }
 
-void alone(Emitted e, uint slot) {
+void alone(Emitted e, uint first) {
+    uint slot = first;
     for (uint row = e.rows.x; row < e.rows.y; row++) {
         uvec2 columns = tile_columns(e.footprint, row, view[0].tiles);
         emit_row(e, row, columns, slot);
         slot += columns.y - columns.x;
     }
-    emit_surplus(e, slot, 1);
+    emit_surplus(e, first, slot, 0, 1);
 }
 
-void together(Emitted e, uint slot) {
-    for (uint first = e.rows.x; first < e.rows.y; first += SUBGROUP) {
-        uint row = first + gl_SubgroupInvocationID;
+void together(Emitted e, uint first) {
+    uint slot = first;
+    for (uint start = e.rows.x; start < e.rows.y; start += SUBGROUP) {
+        uint row = start + gl_SubgroupInvocationID;
         uvec2 columns = row < e.rows.y ? tile_columns(e.footprint, row, view[0].tiles) : uvec2(0);
         uint own = columns.y - columns.x;
         uint inclusive = subgroupInclusiveAdd(own);
@@ -128,7 +133,7 @@ void together(Emitted e, uint slot) {
         emit_row(e, row, columns, slot + inclusive - own);
         slot += all;
     }
-    emit_surplus(e, slot + gl_SubgroupInvocationID, SUBGROUP);
+    emit_surplus(e, first, slot, gl_SubgroupInvocationID, SUBGROUP);
 }
 
 void main() {

@@ -103,30 +103,7 @@ vec4 quaternion_gradient(vec3 spin, vec4 unit, float norm) {
     return 2 * vec4(-dot(unit.yzw, spin), unit.x * spin + cross(unit.yzw, spin)) / norm;
 }
 
-vec3 sh_at(uint band, uint at) {
-    return band == 1 ? vec3(sh1[at], sh1[at + 1], sh1[at + 2])
-         : band == 2 ? vec3(sh2[at], sh2[at + 1], sh2[at + 2]) : vec3(sh3[at], sh3[at + 1], sh3[at + 2]);
-}
-
-vec3 direction_gradient(uint i, vec3 d, vec3 by_colour) {
-    vec3 sum = vec3(0);
-    if (DEGREE > 0 && view[0].degree > 0) {
-        float g[3];
-        [[unroll]] for (uint m = 0; m < 3; m++) g[m] = dot(by_colour, sh_at(1, 9 * i + 3 * m));
-        sum += sh_gradient_1(g);
-    }
-    if (DEGREE > 1 && view[0].degree > 1) {
-        float g[5];
-        [[unroll]] for (uint m = 0; m < 5; m++) g[m] = dot(by_colour, sh_at(2, 15 * i + 3 * m));
-        sum += sh_gradient_2(d, g);
-    }
-    if (DEGREE > 2 && view[0].degree > 2) {
-        float g[7];
-        [[unroll]] for (uint m = 0; m < 7; m++) g[m] = dot(by_colour, sh_at(3, 21 * i + 3 * m));
-        sum += sh_gradient_3(d, g);
-    }
-    return sum;
-}
+#include "lib/by_direction.glsl"
 
 // The slots' sums are over u and v, in powers of two; with UNIT they and k are in natural units.
 const float UNIT = sqrt(2 * LN_2);
@@ -232,7 +209,7 @@ Gradient backward(uint i, vec3 mean, Projection p, vec3 k, Sums s) {
     vec3 drawn = vec3(shape[i].w, colour[i]);
     g.colour = mix(vec3(0), vec3(s.position.w, s.covariance.w, s.blue), greaterThan(drawn, vec3(0)));
     if (DIRECTION_GRADIENT) {
-        vec3 by_direction = direction_gradient(i, p.direction, g.colour);
+        vec3 by_direction = gradient_by_direction(i, p.direction, g.colour);
         // Through the normalisation: the part along the direction has no effect.
         float distance = length(from_centre(v, mean));
         g.mean += (by_direction - p.direction * dot(p.direction, by_direction)) / distance;
@@ -284,7 +261,8 @@ void main() {
 
     bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(g.rotation.w) && sane(g.logit) && sane(g.colour);
     if (!good) atomicAdd(guards[0], 1);
-    if (STATISTICS && good && slots > 0) growth[i] += vec2(length(g.pull * 0.5 * vec2(view[0].whole)), 1);
+    // What dropout or a mask hides was not seen.
+    if (STATISTICS && good && slots > 0 && shape[i].z > 0) growth[i] += vec2(length(g.pull * 0.5 * vec2(view[0].whole)), 1);
     float own[ROW];
     [[unroll]] for (uint c = 0; c < 3; c++) {
         own[ROW_MEAN + c] = g.mean[c];

@@ -4,6 +4,7 @@ use crate::errors::{number, raised, some_whole};
 use crate::fork::{Kept, detached};
 use engine::gpu::{self, DeviceOptions};
 use engine::job::Error;
+use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 
 /// A Vulkan device by its index, a part of its name, "uuid:..." or "pci:..."; by default $QIRF_DEVICE, else the best device.
@@ -21,7 +22,12 @@ impl<'py> FromPyObject<'_, 'py> for Name {
     type Error = PyErr;
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        object.extract::<i64>().map(|index| index.to_string()).or_else(|_| object.extract()).map(Self)
+        match object.extract::<i64>() {
+            Ok(index) => Ok(Self(index.to_string())),
+            // No device has an index beyond 64 bits, and the error says so.
+            Err(e) if e.is_instance_of::<PyOverflowError>(object.py()) => Ok(Self(object.str()?.extract()?)),
+            Err(_) => object.extract().map(Self),
+        }
     }
 }
 

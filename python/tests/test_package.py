@@ -132,6 +132,8 @@ def test_errors_have_their_kinds(ring, tmp_path):
         qirf_vk.Device("a device that nobody has")
     with pytest.raises(qirf_vk.DeviceError):
         qirf_vk.Device("5555")  # an index, also where a name contains it
+    with pytest.raises(qirf_vk.DeviceError, match=str(2**70)):
+        qirf_vk.Device(2**70)
     with pytest.raises(FileNotFoundError):
         qirf_vk.train(tmp_path / "no scene", preset="quick")
     with pytest.raises(TypeError, match="sead: did you mean seed"):

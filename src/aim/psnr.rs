@@ -6,13 +6,13 @@ use crate::job::records::Point;
 
 /// Distance in dB from the target PSNR from which the bytes of the file with that PSNR are foretold.
 const ROUGH: f64 = 0.5;
-/// Excess in dB over the target that is worth attempts beyond all others.
+/// Excess in dB over the target beyond which a file is halved.
 const FAR: f64 = 0.5;
 /// Maximum number of attempts at one rung until its bytes are foretold, and at the first one, where nothing is known yet.
 const ON_A_RUNG: usize = 3;
 const ON_THE_FIRST: usize = 5;
-/// Most attempts, beyond all others, at smaller files where the smallest one still exceeds the target by [`FAR`].
-pub(super) const TO_HALVE: usize = 4;
+/// Most attempts, beyond all others, at a file that reaches the target; as many again at smaller ones.
+pub(super) const TO_SHRINK: usize = 4;
 /// Share of a file's Gaussians by which fewer are worth an attempt.
 const CLOSE: f64 = 0.02;
 /// Attempts left for the best rung while rungs are compared.
@@ -75,9 +75,7 @@ impl<T: Trials> Search<'_, T> {
             rows.extend(self.of_whole(wanted));
             self.follow(wanted, &mut rows)?;
         }
-        if let Some(point) = self.smallest(wanted).filter(|point| point.psnr > Some(wanted + FAR)) {
-            self.halve(point, wanted)?;
-        }
+        self.shrink(wanted, &mut rows)?;
         if let Some(point) = self.smallest(wanted) {
             return Ok(point);
         }
@@ -127,7 +125,7 @@ impl<T: Trials> Search<'_, T> {
 
     /// Follows the row that promises the smallest file, until one file is near the target and no row promises a smaller one.
     fn follow(&mut self, wanted: f64, rows: &mut Vec<Row>) -> Result<(), T::Error> {
-        let limit = self.most + TO_HALVE;
+        let limit = self.most + TO_SHRINK;
         while (self.left() > 0 || self.smallest(wanted).is_none() && self.tried.len() < limit)
             && let Some(at) = self.most_promising(wanted, rows)
             && self.attempt(&mut rows[at])?
@@ -147,42 +145,64 @@ impl<T: Trials> Search<'_, T> {
         let point = smallest?;
         if !rows.iter().any(|row| row.rung == Some(point.rung)) {
             let mut row = Row::of_rung(point.rung, wanted, self.whole);
-            self.tried.values().filter(|known| known.rung == point.rung).for_each(|known| row.add(*known));
+            self.tried.values().for_each(|known| row.learn(known));
             rows.push(row);
         }
         let of_whole = rows.iter().position(|row| row.rung.is_none() && row.holds(&point) && row.is_open());
         of_whole.or_else(|| rows.iter().position(|row| row.rung == Some(point.rung) && row.is_open()))
     }
 
-    /// One more attempt in a row; false if none is left to make there.
+    /// Tries the next file of a row; false if the row has none left to try.
     fn attempt(&mut self, row: &mut Row) -> Result<bool, T::Error> {
         let Some((rung, gaussians)) = row.next() else { return Ok(false) };
         row.add(self.scored(rung, gaussians)?);
         Ok(true)
     }
 
-    /// Tries smaller files than one that exceeds the target by far, as where PSNR hardly grows or jumps and secants mislead: each halves the
-    /// rungs below it, or the Gaussians, whichever served last.
-    fn halve(&mut self, mut point: Point, wanted: f64) -> Result<(), T::Error> {
-        let mut by_rung = true;
-        for _ in 0..TO_HALVE {
-            let (coarser, fewer) = (self.coarser(&point, wanted), self.fewer(&point, wanted));
-            let next = if by_rung { coarser.or(fewer) } else { fewer.or(coarser) };
+    /// Tries files smaller than the smallest one that reaches the target. One that exceeds the target by far is halved,
+    /// since PSNR hardly grows or jumps there, and secants mislead. Where that fails, and near the target, the row that
+    /// promises the smallest file is narrowed.
+    fn shrink(&mut self, wanted: f64, rows: &mut [Row]) -> Result<(), T::Error> {
+        let (mut by_rung, mut halves) = (true, true);
+        for _ in 0..TO_SHRINK {
+            let Some(point) = self.smallest(wanted) else { break };
+            for row in rows.iter_mut() {
+                self.tried.values().for_each(|known| row.learn(known));
+            }
+            let is_far = point.psnr > Some(wanted + FAR);
+            let half = self.halved(&point, wanted, by_rung).filter(|_| is_far);
+            let narrowed = self.narrowed(&point, rows);
+            let is_half = half.is_some() && (halves || narrowed.is_none());
+            let next = if is_half { half } else { narrowed };
             let Some((rung, gaussians)) = next else { break };
             let next = self.scored(rung, gaussians)?;
-            if next.psnr < Some(wanted) || next.bytes > point.bytes {
+            let is_smaller = next.psnr >= Some(wanted) && next.bytes <= point.bytes;
+            if is_half && !is_smaller {
                 by_rung = !by_rung;
-                continue;
             }
-            point = next;
-            if point.psnr <= Some(wanted + FAR) {
-                break;
-            }
+            // What found no smaller file gives way to the other.
+            halves = is_half == is_smaller;
         }
         Ok(())
     }
 
-    /// As many Gaussians, halfway down to the rungs that are known to miss the target with them; none if no rung is left between.
+    /// Returns rung and Gaussians of a file halfway down from the point's to one that misses the target, by rungs or by
+    /// Gaussians; by the other of the two if nothing lies between.
+    fn halved(&self, point: &Point, wanted: f64, by_rung: bool) -> Option<(usize, usize)> {
+        let (coarser, fewer) = (self.coarser(point, wanted), self.fewer(point, wanted));
+        if by_rung { coarser.or(fewer) } else { fewer.or(coarser) }
+    }
+
+    /// Returns rung and Gaussians of a file smaller than the point's, from the row that promises the smallest one
+    /// between two that were tried; none for a small model, which had enough attempts before.
+    fn narrowed(&self, point: &Point, rows: &[Row]) -> Option<(usize, usize)> {
+        let most = (1.0 - SAVING) * point.bytes as f64;
+        let below = rows.iter().filter(|_| self.whole > SMALL).filter_map(|row| row.below(most));
+        below.filter(|(bytes, _)| *bytes < most).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, next)| next)
+    }
+
+    /// Returns a rung halfway between the point's and the finest that misses the target with as many Gaussians, and
+    /// their number; none if no rung lies between.
     fn coarser(&self, point: &Point, wanted: f64) -> Option<(usize, usize)> {
         let known = self.tried.values().filter(|known| known.gaussians == point.gaussians && known.rung < point.rung);
         let misses = known.filter(|known| known.psnr < Some(wanted));
@@ -190,7 +210,8 @@ impl<T: Trials> Search<'_, T> {
         (first < point.rung).then(|| (first.midpoint(point.rung), point.gaussians))
     }
 
-    /// The same rung, halfway down to the numbers of Gaussians that are known to miss the target at it; none if hardly any are left between.
+    /// Returns the point's rung, and a number of Gaussians halfway between the point's and the largest that misses the
+    /// target there; none if hardly any lie between.
     fn fewer(&self, point: &Point, wanted: f64) -> Option<(usize, usize)> {
         let known = self.tried.values().filter(|known| known.rung == point.rung && known.gaussians < point.gaussians);
         let misses = known.filter(|known| known.psnr < Some(wanted));

@@ -7,7 +7,7 @@ use std::f64::consts::LN_2;
 /// Greatest excess in dB over the target PSNR of a file that counts as met, and the one that is aimed at.
 const NEAR: f64 = 0.08;
 const AIMED: f64 = 0.03;
-/// dB for twice as many Gaussians, and for one rung more, before two files are known.
+/// Gain in dB by twice as many Gaussians, and by one rung more, that is assumed until two files are known.
 const AN_OCTAVE: f64 = 4.5;
 const A_RUNG: f64 = 0.7;
 /// Usual PSNR in dB of a third of the Gaussians.
@@ -32,7 +32,8 @@ pub(super) struct Row {
     ends: [usize; 2],
     wanted: f64,
     guess: f64,
-    /// dB for twice as many Gaussians, or for one rung more, before two files are known: usually, or near the target at another rung.
+    /// Gain in dB by twice as many Gaussians, or by one rung more, that is assumed until two files are known: the usual
+    /// one, or that near the target at another rung.
     slope: f64,
     known: Vec<Point>,
     /// The last file brought the target no nearer.
@@ -76,6 +77,14 @@ impl Row {
         self.stalled = !nearer && self.width().is_some_and(|now| before.0.is_some_and(|before| !halved(now, before)));
     }
 
+    /// Adds a file if it is one of this row that was not known.
+    pub(super) fn learn(&mut self, point: &Point) {
+        let is_of_row = self.rung.map_or(point.gaussians == self.whole, |rung| point.rung == rung);
+        if is_of_row && !self.holds(point) {
+            self.add(*point);
+        }
+    }
+
     /// Rung and Gaussians of the next file to try; none if all that matter are known.
     pub(super) fn next(&self) -> Option<(usize, usize)> {
         let [low, high] = self.bracket().map(|end| end.map(|point| self.number(&point)));
@@ -104,6 +113,25 @@ impl Row {
         let [only] = self.known[..] else { return None };
         let exceeds = only.psnr > Some(self.wanted + NEAR) && only.gaussians > 1;
         self.rung.filter(|_| exceeds).map(|rung| (rung, only.gaussians / 2))
+    }
+
+    /// The next file to try between the two that enclose the target, of about `most` bytes or fewer: the bytes of the
+    /// target PSNR if that grew evenly from one to the other, and the file's rung and Gaussians. None if no such file is
+    /// left to try.
+    pub(super) fn below(&self, most: f64) -> Option<(f64, (usize, usize))> {
+        let [low, high] = self.bracket();
+        let (low, high) = low.zip(high).filter(|_| self.is_open())?;
+        let place = |point: &Point| (self.abscissa(self.number(point)), (point.bytes as f64).ln());
+        let ((from, fewest), (to, many)) = (place(&low), place(&high));
+        // Equal pictures promise the fewest bytes.
+        let share = ((self.wanted - low.psnr?) / (high.psnr? - low.psnr?)).clamp(0.0, 1.0);
+        let promised = (fewest + share * (many - fewest)).exp();
+        let at = (from + (to - from) * (most.ln() - fewest) / (many - fewest)).min(to);
+        let number = if self.rung.is_some() { at.exp() } else { at };
+        let last = number as usize;
+        let (rung, gaussians) = self.next()?;
+        let next = if self.rung.is_some() { (rung, gaussians.min(last)) } else { (rung.min(last), gaussians) };
+        (last > self.number(&low)).then_some((promised, next))
     }
 
     /// Whether a smaller file of the target PSNR may be left to try.

@@ -23,7 +23,7 @@ fn is_full(point: &Point, size: u64) -> bool {
     point.bytes as f64 >= LEAST_SHARE * size as f64
 }
 
-/// Whether a file is nearer to the wish: it has a higher PSNR, or fills the size at hardly any loss.
+/// True if a file serves the request better than another: it has a higher PSNR, or fills the size at hardly any loss.
 fn is_better(point: &Point, than: &Point, size: u64) -> bool {
     let filling = f64::from(i8::from(is_full(point, size)) - i8::from(is_full(than, size)));
     point.psnr.map(|psnr| psnr + FILLING * filling) > than.psnr
@@ -82,8 +82,8 @@ impl<T: Trials> Search<'_, T> {
         }
     }
 
-    /// Where files of few Gaussians grow by leaps, the whole model may fit and leave much of the size free: fewer Gaussians one rung above may
-    /// fill it.
+    /// Tries fewer Gaussians one rung above if the whole model fits but leaves much of the size free, since files of
+    /// few Gaussians grow by leaps. Returns the better file.
     fn filled_above(&mut self, whole: Point, size: u64) -> Result<Point, T::Error> {
         if self.whole > SMALL || whole.gaussians < self.whole || is_full(&whole, size) {
             return Ok(whole);

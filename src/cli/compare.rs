@@ -106,6 +106,7 @@ impl Arguments {
         };
         tell_of_missing(&networks, console);
         write(&compared, &self.output)?;
+        watcher.rest();
         if self.json { console.json(&compared) } else { self.report(console, &compared) }
     }
 

@@ -126,6 +126,7 @@ impl Arguments {
             Some(file) => Output::json(file, "the report", &figures)?,
             None => {}
         }
+        watcher.rest();
         console.tell(remarks(&figures));
         if self.json { console.json(&figures) } else { report(console, &figures) }
     }
@@ -164,6 +165,7 @@ impl Arguments {
         Output::json(&at("curve.json"), "the curve", &record)?;
         Output::text(&at("curve.csv"), &record.csv())?;
         Output::text(&at("curve.html"), &report::curve::page(&record))?;
+        watcher.rest();
         if self.json { console.json(&record) } else { console.print(record.csv().trim_end()) }
     }
 

@@ -156,6 +156,7 @@ impl Arguments {
         } else {
             write_measured(session.as_ref(), (&loaded, style), &target, console)?
         };
+        watcher.rest();
         let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
             "{}: {} from {}, {bytes} bytes{cost}",

@@ -50,6 +50,8 @@ impl Arguments {
         if let Some(seconds) = self.tune {
             return self.tune(console, global, Duration::from_secs(seconds));
         }
+        // A variable without meaning is refused before anything is printed.
+        global.options()?;
         let devices = gpu::list()?;
         // Opening the device is the real test: it checks features and, on CPU devices, the driver.
         let opened = global.open();

@@ -40,8 +40,8 @@ impl Recorder {
         Self { file: file.to_owned(), model: None }
     }
 
-    /// For a model in training, which is written beside `file`. Neither may replace one of `taken`. The folder `made` is there
-    /// later.
+    /// A recorder for a run, which writes the model before the prune beside `file`, too. Neither file may replace one
+    /// of `taken`. The folder `made` need not exist yet.
     ///
     /// # Errors
     /// [`Error::Usage`]; [`Error::Write`] if there is no such folder.

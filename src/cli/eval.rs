@@ -111,6 +111,7 @@ impl Arguments {
         let watcher = Show::new(console);
         let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
         let record = eval::eval(&session, &self.model, &loaded.gaussians, &evaluation, output.as_ref())?;
+        watcher.rest();
         tell_of_missing(&networks, console);
         self.report(console, &record)
     }
@@ -135,6 +136,7 @@ impl Arguments {
         let session = self.scratch.session(self.memory_budget, (&device, &networks), &watcher);
         let background = self.background.unwrap_or([0.0; 3]);
         let held_out = eval::against(&session, [(&model.0, model.1), (&original.0, original.1)], background)?;
+        watcher.rest();
         tell_of_missing(&networks, console);
         let (test, views) = (held_out.mean(), &held_out.views);
         if self.json {

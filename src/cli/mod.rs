@@ -247,6 +247,10 @@ impl Cli {
             (Error::Device(gpu::Error::TooLarge { .. }), Command::Compress(_)) => {
                 Some("use fewer Gaussians or a smaller image, or --selector pairs, which has room for more".to_owned())
             }
+            (Error::Device(gpu::Error::TooLarge { .. }), Command::Run(_)) => Some(
+                "use a smaller --resolution or --max-gaussians, with another -o, or a device that can bind larger buffers"
+                    .to_owned(),
+            ),
             (Error::OtherRun { .. }, Command::Compare(_)) => {
                 Some("use the original options and photos, or another folder with -o".to_owned())
             }
@@ -266,7 +270,7 @@ impl Cli {
             Command::View(a) => a.run(console, &self.global),
             Command::Edit(a) => a.run(console, &self.global),
             Command::Convert(a) => a.run(console, &self.global),
-            Command::Inspect(a) => a.run(console),
+            Command::Inspect(a) => a.run(console, &self.global),
             Command::Pose(a) => a.run(console),
             Command::Synth(a) => a.run(console),
             Command::Device(a) => a.run(console, &self.global),

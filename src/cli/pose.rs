@@ -86,6 +86,7 @@ impl Arguments {
         }
         let watcher = Show::new(console);
         let posed = pose::pose(&input, &self.output, &self.posing.options(), &watcher)?;
+        watcher.rest();
         if self.json {
             return console.json(&posed);
         }

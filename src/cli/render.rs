@@ -170,6 +170,7 @@ impl Arguments {
             Work::Film(cameras, fps) => (cameras.len(), film(&session, model, cameras, &config, fps, &self.output)?),
             Work::Panorama(panorama) => (6, panorama::draw(&session, &model, &panorama, &config, &self.output)?),
         };
+        watcher.rest();
         if self.depth {
             let step = depth::unit(config.settings.near);
             console.note(format_args!(

@@ -25,6 +25,7 @@ use crate::scene::{self, OpenOptions, Scene};
 use crate::wording::{counted, file_size};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 const EXAMPLES: &str = "Examples:
   qirf-vk run capture -o trained --preset quick --resolution 256
@@ -144,28 +145,45 @@ impl Arguments {
             earlier::check(&output, &config)?;
         }
         if self.resume && found == Earlier::Finished {
+            watcher.rest();
             return self.report_finished(console, global, (&config, &output));
         }
         let networks = self.resources.networks()?;
         let device = self.resources.device(global)?;
         let session = self.resources.session((&device, &networks), &watcher);
         let subject = self.watched.view.then(|| view::of_run(&config, &self.output, console)).transpose()?;
-        let record = self
+        let mut record = self
             .watched
             .during(&session, console, subject, |session| run::run(session, &config, &output, self.resume))?;
         let decided = config.decided(&record.effects);
         if !self.no_report {
-            let title = self.output.file_name().unwrap_or_default().to_string_lossy();
-            let drawn = decided.style.over(record.protocol.background);
-            let viewer = || viewer::of_run(&session, &output.model(), &title, drawn, &config.selection());
-            let viewer = self.with_model.then(viewer).transpose()?;
-            report::write(&record, &output, viewer.as_deref())?;
+            self.write_report(&session, [&config, &decided], &mut record, &output)?;
         }
+        watcher.rest();
         tell_of_missing(&networks, console);
         let packed = self.size.map(|size| pack(&session, [&config, &decided], (&output, size), console)).transpose()?;
         output.complete();
         watcher.printed()?;
         self.report(console, &record, (packed.as_ref(), &output))
+    }
+
+    /// Writes the report of a run, drawn as the run has `decided`, and adds its time to the figures.
+    fn write_report(
+        &self,
+        session: &Session<'_>,
+        [config, decided]: [&RunConfig; 2],
+        record: &mut RunRecord,
+        output: &Output,
+    ) -> Result<(), Error> {
+        let begun = Instant::now();
+        let title = self.output.file_name().unwrap_or_default().to_string_lossy();
+        let drawn = decided.style.over(record.protocol.background);
+        let viewer = || viewer::of_run(session, &output.model(), &title, drawn, &config.selection());
+        let viewer = self.with_model.then(viewer).transpose()?;
+        let pictures = report::pictures(record, output);
+        record.time.add_report(begun.elapsed());
+        report::write(record, &pictures, output, viewer.as_deref())?;
+        Output::json(&output.metrics(), "metrics.json", &*record)
     }
 
     /// Path of the diagnostics, which must differ from the run's own files and its initial model.

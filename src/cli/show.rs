@@ -3,7 +3,7 @@
 use super::console::Console;
 use super::diagnostics::Recorder;
 use super::interrupt::Watch;
-use super::pulse::Pulse;
+use super::pulse::{Pulse, Steps};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::RenderMode;
 use crate::job::diagnostics::Diagnostics;
@@ -29,11 +29,11 @@ pub(super) struct Show<'a> {
 impl<'a> Show<'a> {
     /// Shows a job, and starts to watch for Ctrl-C.
     pub fn new(console: &'a Console) -> Self {
-        let (watch, pulse) = (Watch::begin(), Pulse::new());
+        let (watch, pulse) = (Watch::begin(), Pulse::new(console));
         Self { console, watch, recorder: None, json: false, pulse, bar: Bar::new(), unprinted: OnceLock::new() }
     }
 
-    /// Also writes what prunes knew and decided.
+    /// Sets the recorder that writes the diagnostics of prunes.
     pub fn record(&mut self, recorder: Option<Recorder>) {
         self.recorder = recorder;
     }
@@ -41,6 +41,11 @@ impl<'a> Show<'a> {
     /// Also prints the lines of a run's log.
     pub fn print_log(&mut self, json: bool) {
         self.json = json;
+    }
+
+    /// Prints no more progress: results follow, or another job that prints its own.
+    pub fn rest(&self) {
+        self.pulse.end();
     }
 
     /// The first error of printing a line of a log; `main` forgives a reader that closed the pipe.
@@ -54,9 +59,6 @@ fn told(progress: &Progress) -> String {
     let gaussians = counted(progress.gaussians, "Gaussian");
     if progress.loss.is_finite() { format!("loss {:.4}  {gaussians}", progress.loss) } else { gaussians }
 }
-
-/// Steps of a stage: its name, those done, and their number.
-type Steps = (&'static str, u64, u64);
 
 /// The bar on the screen, and the stage that it shows.
 struct Bar(Mutex<(&'static str, ProgressBar)>);
@@ -90,7 +92,7 @@ impl Watcher for Show<'_> {
     fn progress(&self, stage: Stage, done: usize, total: usize) {
         let steps @ (name, _, total) = (stage.name(), done as u64, total as u64);
         self.bar.advance(steps, || self.console.bar(total, name));
-        self.pulse.beat(self.console, steps, "");
+        self.pulse.beat(steps, "");
     }
 
     fn training(&self, progress: &Progress, until: u32) {
@@ -98,7 +100,7 @@ impl Watcher for Show<'_> {
         let steps = ("training", done, total);
         let bar = self.bar.advance(steps, || self.console.training_bar(total));
         let message = told(progress);
-        self.pulse.beat(self.console, steps, &message);
+        self.pulse.beat(steps, &message);
         bar.set_message(message);
     }
 

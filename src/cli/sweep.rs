@@ -100,7 +100,7 @@ impl Progress<'_> {
 }
 
 impl Arguments {
-    /// What an interruption leaves.
+    /// A sentence on what an interrupted sweep has left behind.
     pub fn kept(&self) -> String {
         if self.measured.get() {
             let figures = self.output.join("sweep.json");
@@ -161,6 +161,7 @@ impl Arguments {
             self.heavy(session, (&config, &pruning), &mut progress)?;
             tell_of_missing(&networks, console);
         }
+        watcher.rest();
         if self.json { console.json(&progress.swept) } else { self.report(console, &progress.swept) }
     }
 

@@ -8,7 +8,7 @@ use crate::pipeline::evaluate::pictures::byte;
 use crate::pipeline::place::shift_to;
 use crate::pipeline::render::picture;
 use crate::render::Settings;
-use crate::report::picture::data_uri;
+use crate::report::picture::{data_uri, size_in_page};
 use crate::scene::camera::Camera;
 use crate::scene::orbit::Look;
 use crate::scene::{Scene, near_at};
@@ -16,7 +16,7 @@ use crate::view::alone::{PageOptions, page};
 use image::RgbImage;
 use std::path::Path;
 
-/// Size of the picture that a page begins with.
+/// Size of the picture that a page without an initial camera begins with.
 const POSTER: (u32, u32) = (400, 250);
 
 /// The picture that a page with these options begins with, as a `data:` URI; none of an empty model.
@@ -26,13 +26,14 @@ pub(super) fn poster(session: &Session<'_>, model: &Gaussians, options: &PageOpt
     }
     let (outline, look) = (outline(model, options.up.normalize()), Look { size: POSTER, ..Look::default() });
     let camera = options.first(&outline, &look);
-    let size = [camera.width, camera.height];
+    let (width, height) = size_in_page(camera.width, camera.height);
+    let camera = camera.resized(width, height);
     let settings = options.style.over(options.background);
     let near = options.near.unwrap_or_else(|| near_at(settings.near, outline.framing(&look).distance));
     let settings = Settings { near, ..settings };
     let image = picture(session, model, settings, &camera)?;
     let bytes = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]].map(byte));
-    Ok(RgbImage::from_raw(size[0], size[1], bytes.collect()).as_ref().and_then(data_uri))
+    Ok(RgbImage::from_raw(width, height, bytes.collect()).as_ref().and_then(data_uri))
 }
 
 /// The page of a run's model, drawn as its run drew it, with the up direction, the near plane and the first held-out camera of

@@ -138,11 +138,12 @@ fn line(samples: &[Sample]) -> Option<([f64; 2], f64)> {
 
 /// Points in a view's map.
 pub(super) struct Samples {
-    /// If the map measures depths.
+    /// Samples under the assumption that the map measures depths.
     depths: Vec<Sample>,
-    /// If it measures what those of such photos should not: lengths along rays, or depths along the axis of a photo that is cut.
+    /// Samples under the assumption that it measures what maps of such photos should not: lengths along rays, or depths
+    /// along the axis of a photo that is cut.
     others: Vec<Sample>,
-    /// Which of these it is.
+    /// The meaning that `others` assumes.
     other: Meaning,
 }
 
@@ -210,8 +211,8 @@ pub(super) fn closer(all: Fitted, front: Fitted, count: usize) -> Fitted {
     if count >= TELLING && off(&front) < CLEARLY * off(&all) { front } else { all }
 }
 
-/// How far the maps of photos are from each other, as a share of the depth, in the median: of the points of each map from the
-/// next photo's, or of whole maps from those further on that show the same surface. None if too few points lie in two maps.
+/// Median deviation of photos' maps from each other, as a share of the depth: of the points of each map from the next
+/// photo's map, or of whole maps from later ones that show the same surface. None if too few points lie in two maps.
 pub(super) fn agreement(scene: &Scene, maps: &[(usize, DepthMap)], points: &[Point]) -> Option<f64> {
     let name = |view: usize| scene.views[view].photo_name();
     let photos: Vec<&[(usize, DepthMap)]> = maps.chunk_by(|a, b| name(a.0) == name(b.0)).collect();

@@ -33,7 +33,7 @@ const MOST_PIXELS: f64 = 65_536.0;
 pub struct DepthMaps {
     /// By the view's name.
     maps: HashMap<String, DepthMap>,
-    /// Evidence on them: the scene's points, or each other.
+    /// Evidence on the maps, from the scene's points or from other maps.
     pub evidence: DepthEvidence,
     /// Points in the maps; their track is the view that sees them, and their colour is not known yet.
     pub points: Vec<Point>,
@@ -230,9 +230,9 @@ fn notes(scene: &Scene, found: &[Found], known: &Known) -> Vec<String> {
 
 /// The points that each view sees.
 struct Tracks {
-    /// Where the points of each view begin, and the end of the last.
+    /// The index in `points` at which each view's points begin, and their number at the end.
     starts: Vec<usize>,
-    /// Their numbers in the scene.
+    /// Numbers, in the scene, of the points that each view sees, view by view.
     points: Vec<u32>,
 }
 

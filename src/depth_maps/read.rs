@@ -34,7 +34,7 @@ pub struct Map {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Not a positive number where there is none.
+    /// The depth of each pixel, row by row; not a positive number where there is none.
     pub depths: Vec<f32>,
     /// True if most pixels with a depth have a neighbour without: single points of a scanner, not a surface with holes.
     pub sparse: bool,

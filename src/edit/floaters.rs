@@ -23,16 +23,21 @@ const AGREED: f64 = 0.5;
 const ROUNDS: [f64; 6] = [4096.0, 1024.0, 256.0, 64.0, 16.0, 4.0];
 /// Distance from which a removal's gain is weighted by it: needles and fog have neighbours all along, and may spoil every photo.
 const AMID: f64 = 0.125;
-/// Minimum distance to others of an isolated Gaussian that photos do not need,
+/// Minimum distance to others, in its own longest axis, of an isolated Gaussian that photos do not need.
 const ALONE: f64 = 2.5;
-/// the minimum of this distance times its opacity: faint Gaussians are not floaters,
+/// Minimum product of such a Gaussian's distance and opacity: faint Gaussians are not floaters.
 const SOLID: f64 = 1.4;
-/// and the minimum distance in the largest axis of these others, too: a Gaussian hidden among larger ones is not isolated.
+/// Minimum distance of such a Gaussian, in the largest axis among it and its three neighbours: a Gaussian hidden among
+/// larger ones is not isolated.
 const CLEAR: f64 = 1.5;
-/// Without photos: minimum distance to others, in the largest axis among a Gaussian and these others, times a root of the change that it
-/// makes. An isolated Gaussian is a floater if pictures show it.
+/// Distance of such a Gaussian, in its own longest axis, from which larger ones do not hide it: far behind a scene, small
+/// floaters have large neighbours.
+const FAR: f64 = 10.0;
+/// Minimum distance to others without photos, in the largest axis among a Gaussian and these others, times a root of
+/// the change that it makes. An isolated Gaussian is a floater if pictures show it.
 const LONELY: f64 = 10.0;
-/// This root: from the seventh to the tenth, planted floaters and models were told apart equally well (docs/edit.md).
+/// Degree of this root: with the seventh to the tenth, planted floaters and models were told apart equally well
+/// (docs/edit.md).
 const ROOT: f64 = 8.0;
 /// Largest loss of the photos by the removal of a Gaussian that they do not need, in median changes.
 const FREE: f64 = 0.2;
@@ -117,7 +122,7 @@ pub enum Reason {
 /// Evidence of a set of photos on each Gaussian of a model.
 #[derive(Clone, Debug, Default)]
 pub struct Evidence {
-    /// By Gaussian, n.
+    /// Evidence on each Gaussian, n.
     pub sights: Vec<Sight>,
     /// Photos added.
     photos: usize,
@@ -164,7 +169,7 @@ impl Evidence {
     /// Rounds of evidence, each without the floaters of those before, for [`Evidence::disagreeing`].
     pub const ROUNDS: usize = ROUNDS.len();
 
-    /// By Gaussian: true if the photos want it gone, in a round from 0.
+    /// Returns true for each Gaussian with which the photos disagree in this round, counted from 0; n values.
     ///
     /// # Panics
     /// If there is no such round, or the evidence is of another number of Gaussians.
@@ -182,7 +187,8 @@ impl Evidence {
         changes.get(changes.len() / 2).copied().map_or(0.0, f64::from)
     }
 
-    /// By Gaussian: what gives it away as a floater, if anything does; as strictly as in the last round.
+    /// Returns the reason why each Gaussian is a floater, as strictly as in the last round; n values, `None` for
+    /// Gaussians that are not.
     ///
     /// # Panics
     /// If the evidence is of another number of Gaussians.
@@ -200,7 +206,8 @@ impl Evidence {
             }
             let alone = if self.compared {
                 let solid = distance * opacity(model.opacity_logits[i]);
-                sight.cost() <= FREE * typical && distance >= ALONE && solid >= SOLID && apart >= CLEAR
+                let clear = apart >= CLEAR || distance >= FAR;
+                sight.cost() <= FREE * typical && distance >= ALONE && solid >= SOLID && clear
             } else {
                 let change = if typical > 0.0 { f64::from(sight.change) / typical } else { 0.0 };
                 apart * (1.0 + change).powf(1.0 / ROOT) >= LONELY
@@ -296,6 +303,31 @@ mod tests {
         assert_eq!(found[50..], expected);
         assert_eq!((evidence.sights[51].photos, evidence.sights[51].against), (4, 1));
         assert!(evidence.disagreeing(&model, 3)[50] && !evidence.disagreeing(&model, 0)[50], "more is asked for first");
+    }
+
+    /// Large Gaussians hide a small one among them, except if it is far smaller than its distance to them.
+    #[test]
+    fn large_neighbours_hide_what_is_not_far_from_them() {
+        let found = |size: f32| {
+            let mut model = model([
+                [0.0, 0.0, 40.0], // small, and unseen
+                [0.5, 0.0, 40.0], // large
+                [-0.5, 0.0, 40.0],
+                [0.0, 0.5, 40.0],
+                [0.1, 0.1, 0.2], // within the scene
+                [0.2, 0.1, 0.2],
+            ]);
+            model.log_scales[50] = [size.ln(); 3];
+            model.log_scales[51..54].fill([0.0; 3]);
+            let mut scores = [score(2.0, 1.0, 0.1); 56];
+            scores[50] = Score::default();
+            let mut evidence = Evidence::new(56, true);
+            (0..4).for_each(|view| evidence.add(&model, &camera(0.1 * f64::from(view)), &scores));
+            let found = evidence.floaters(&model);
+            assert!((0..56).all(|i| i == 50 || found[i].is_none()), "{found:?}");
+            found[50]
+        };
+        assert_eq!([found(0.1), found(0.01)], [None, Some(Reason::Alone)]);
     }
 
     /// Pictures of the model agree with it: only what hangs alone, or before one camera, is left to be found.

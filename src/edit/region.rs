@@ -26,7 +26,7 @@ pub enum Region {
     Views {
         /// The cameras.
         cameras: Vec<Camera>,
-        /// Minimum number of them.
+        /// Minimum number of cameras that see a position.
         least: usize,
     },
 }

@@ -127,7 +127,7 @@ impl Similarity {
         self.rotation * x * self.scale + self.translation
     }
 
-    /// This map and then another, as one map.
+    /// The map that applies this one and then `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self {

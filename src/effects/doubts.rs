@@ -21,7 +21,7 @@ struct Measured<'a> {
     misfit: Misfit,
 }
 
-/// What would bring points to their places.
+/// A change that would bring points to their places.
 #[derive(Clone, Copy)]
 pub(super) enum Cause {
     Read(Reading),
@@ -41,7 +41,8 @@ struct Unfit {
 pub struct Doubts<'a> {
     /// The misfit of the middle photo.
     middle: Option<Misfit>,
-    /// What all photos have in common, if that does not fit, with the misfit that is left, in pixels.
+    /// The common cause of the misfit of all photos, if they do not fit, with the misfit that is left without it, in
+    /// pixels.
     cause: Option<(Cause, f64)>,
     /// Photos that do not fit the points, worst first.
     misfits: Vec<Measured<'a>>,
@@ -135,7 +136,7 @@ impl<'a> Doubts<'a> {
         said
     }
 
-    /// What all photos have in common: that they do not fit the points, or do not show them.
+    /// A sentence on all photos together: that they do not fit the points, or do not show them.
     fn whole(&self) -> Option<String> {
         if let Some(middle) = self.middle.filter(|middle| middle.excess() > 1.0) {
             let off = if middle.behind {
@@ -204,7 +205,8 @@ fn of_all(fits: &[Measured<'_>]) -> Vec<Misfit> {
     fits.iter().map(|fit| fit.misfit).collect()
 }
 
-/// What removes most of the photos' misfit, if anything does, with what is left in pixels: medians over the photos.
+/// The change that removes most of the photos' misfit, if any does, with the misfit that is left in pixels: medians
+/// over the photos.
 pub(super) fn cause(fits: &[Misfit]) -> Option<(Cause, f64)> {
     let middle = |of: &dyn Fn(&Misfit) -> f64| median(&mut fits.iter().map(of).collect::<Vec<_>>());
     let most = LEFT * middle(&|misfit| misfit.px)?;
@@ -245,7 +247,7 @@ fn said_of(unfit: &Unfit) -> String {
     )
 }
 
-/// How to remove a cause, and what is left then, in pixels.
+/// Advice on removing a cause, with the misfit that is left then, in pixels.
 fn remedy((cause, left): (Cause, f64)) -> String {
     match cause {
         Cause::Read(Reading::CameraToWorld) => {
@@ -262,7 +264,7 @@ fn remedy((cause, left): (Cause, f64)) -> String {
     }
 }
 
-/// What makes photos show the points.
+/// A clause that says with which change the photos show the points.
 fn changed(change: Change) -> &'static str {
     match change {
         Change::Read(Reading::CameraToWorld) => "the poses seem to be inverted (camera to world, or world to camera)",

@@ -31,7 +31,7 @@ pub use trial::{MOVED, exposure_by_trial, poses_by_trial, trial_length, untold};
 use crate::scene::Point;
 use colour::Gains;
 
-/// What a training set tells.
+/// The results of [`decide`] for a training set.
 pub struct Told {
     /// The decision on each effect, in the order of [`Effect::ALL`].
     pub decisions: Vec<Decision>,

@@ -65,7 +65,7 @@ impl Overrides {
         self.0.get(&effect).copied().unwrap_or_default()
     }
 
-    /// On or off if the user decided.
+    /// The user's decision, true for on; `None` if the scene decides.
     pub fn forced(&self, effect: Effect) -> Option<bool> {
         match self.of(effect) {
             Choice::Auto => None,

@@ -47,12 +47,13 @@ impl Change {
     ];
 }
 
-/// How well a photo shows what its pose should: rank correlations over points, the highest of brightness, red, green and blue.
+/// Agreement of a photo with what its pose should show: rank correlations over points, the highest of brightness, red,
+/// green and blue.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fit {
-    /// With the medians of the other photos' colours.
+    /// Correlation with the medians of the other photos' colours.
     pub others: f64,
-    /// With the points' own colours; -1 if these are all the same.
+    /// Correlation with the points' own colours; -1 if these are all the same.
     pub colours: f64,
     /// Median difference in brightness from the other photos', apart from a common one; 0 to 1.
     pub residual: f64,

@@ -54,7 +54,7 @@ pub enum DepthWitness {
     /// The scene's points.
     #[default]
     Points,
-    /// Each other.
+    /// Other depth maps.
     Maps,
 }
 

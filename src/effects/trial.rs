@@ -6,8 +6,8 @@ use super::effect::Effect;
 /// Gain in dB of photos that a short training withheld above which exposures are learnt: their pictures as rendered lose, since no model
 /// knows the exposure of a photo that it has not seen.
 pub const GAIN: f64 = 0.5;
-/// Both the way in pixels that cameras of photos move to fit a model that was trained without them, and its gain in dB, from which
-/// poses are wrong.
+/// Least movement of withheld photos' cameras in pixels, to fit a model trained without them, and least gain by it in
+/// dB, at which poses count as wrong.
 pub const MOVED: f64 = 0.3;
 /// Smallest number of photos to train on: of fewer, the others show too little of what a withheld one shows.
 const FEWEST_PHOTOS: usize = 32;

@@ -31,7 +31,7 @@ impl Gaussians {
         Self::of_attributes(Attributes::widths(degree).map(|width| vec![0.0; n * width]), degree + 1)
     }
 
-    /// Grey balls at these places, all of one size and opacity.
+    /// A model of grey balls at these places, all of one size and opacity.
     pub fn balls(means: Vec<[f32; 3]>, log_scale: f32, opacity_logit: f32, degree: usize) -> Self {
         let n = means.len();
         Self {

@@ -14,7 +14,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Vulkan has no empty buffers, and a fill needs a multiple of four bytes.
+/// Bytes allocated for `bytes`: Vulkan has no empty buffers, and a fill needs a multiple of four bytes.
 const fn stored(bytes: u64) -> u64 {
     if bytes < 4 { 4 } else { bytes.next_multiple_of(4) }
 }

@@ -13,7 +13,7 @@ pub(super) struct Frames(Mutex<Vec<Frame>>);
 /// Resources of one submission besides its commands; reused by the next.
 #[derive(Default)]
 pub(super) struct Frame {
-    /// One; more where the recording is cut.
+    /// Its command buffers: one, or more where the recording is cut.
     pub commands: Vec<vk::CommandBuffer>,
     pub fence: vk::Fence,
     pub queries: vk::QueryPool,

@@ -125,7 +125,7 @@ fn declare(words: &mut Vec<u32>, needed: &[u32], mode: &[u32]) {
 struct Instruction {
     /// Its first word.
     at: usize,
-    /// Words.
+    /// Its length in words.
     length: usize,
     operation: u32,
 }

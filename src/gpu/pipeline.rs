@@ -37,7 +37,7 @@ type Variants = FxHashMap<Vec<u32>, Arc<Pipeline>>;
 
 /// A device's pipelines.
 pub(super) struct Pipelines {
-    /// By shader name and by constants: looked up without copying either.
+    /// The pipelines by shader name and by constants, looked up without copying either.
     made: Mutex<FxHashMap<&'static str, Variants>>,
     cache: vk::PipelineCache,
     file: Option<PathBuf>,

@@ -9,7 +9,7 @@ use super::info::DeviceKind;
 use super::recording::{Groups, Recording};
 use crate::kernels::probe::{Loop, LoopPush, LoopSpec, Subgroups, SubgroupsSpec};
 
-/// More than the 65,535 at which old drivers stop.
+/// Iterations of the probe's loop: more than the 65,535 at which old drivers stop.
 const ITERATIONS: u32 = 70_000;
 /// Invocations that report their subgroups: a workgroup size that every device supports.
 const INVOCATIONS: u32 = 256;

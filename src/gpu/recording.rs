@@ -12,7 +12,7 @@ use std::ops::Range;
 /// The number of workgroups that a dispatch starts.
 #[derive(Clone, Copy)]
 pub enum Groups<'a> {
-    /// This many, laid out in two dimensions if one cannot hold them; kernels call `group_index()`.
+    /// This number of workgroups, laid out in two dimensions if one cannot hold them; kernels call `group_index()`.
     Count(u32),
     /// The three words of a buffer from this word on; see `primitives::arguments`.
     Indirect(&'a Buffer<u32>, u32),

@@ -7,7 +7,7 @@ pub enum Access {
     Read,
     /// `writeonly`: every element that counts is written.
     Write,
-    /// Neither.
+    /// The shader has neither qualifier, and may read and write.
     ReadWrite,
 }
 

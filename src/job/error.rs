@@ -37,7 +37,7 @@ pub enum Error {
     /// A model that cannot be studied.
     #[error(transparent)]
     Study(study::Error),
-    /// Training.
+    /// An error of training.
     #[error(transparent)]
     Train(train::Error),
     /// An invalid model file.
@@ -178,9 +178,9 @@ fn absent(programs: &[&str]) -> String {
 /// A change that would make a job fit the device, besides smaller photos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Relief {
-    /// Nothing else.
+    /// No other change would make it fit.
     None,
-    /// Nothing but another device, or more of its memory: an interrupted run keeps its options.
+    /// Only another device, or more of its memory: an interrupted run keeps its options.
     OtherDevice,
     /// Fewer Gaussians, or else a lower SH degree.
     Gaussians {

@@ -3,7 +3,7 @@
 use super::effects;
 use super::evaluate::Evaluator;
 use super::pair_capacity;
-use super::prepare::{Opened, Prepared};
+use super::prepare::{Opened, Prepared, open_to_train};
 use super::start::Start;
 use super::virtual_views;
 use crate::effects::Effect;
@@ -49,13 +49,32 @@ impl Needed {
     }
 }
 
-/// Bytes of device memory that a run will need: with the Gaussians that it plans to grow to, or four times its initial
-/// ones, or with the largest number allowed if that is less.
+/// The needs of a run, as foreseen before its start.
+#[derive(Clone, Copy, Debug)]
+pub struct Foreseen {
+    /// Gaussians that it plans to grow to, or four times its initial ones, or the largest number allowed if that is less.
+    pub gaussians: usize,
+    /// Bytes of device memory with that many.
+    pub bytes: u64,
+}
+
+/// The needs of a run that begins now: it opens the capture, and loads no photo.
+///
+/// # Errors
+/// Those of the capture, and of [`for_run`].
+pub fn foreseen(session: &Session<'_>, config: &RunConfig) -> Result<Foreseen, Error> {
+    let opened = open_to_train(&config.selection())?.with_depths(session.watcher);
+    let largest = opened.train_pixels().into_iter().max().unwrap_or(0);
+    let start = Start::of(config, &opened.scene, largest, session.watcher)?;
+    for_run(session, config, &opened, &start)
+}
+
+/// The needs of a run with this start.
 ///
 /// # Errors
 /// [`Error::Memory`] if the device allows less; [`Error::Buffer`] if its kernels cannot bind the run's largest buffer; those of
 /// [`Session::method`].
-pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start: &Start) -> Result<u64, Error> {
+pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start: &Start) -> Result<Foreseen, Error> {
     let (device, method) = (session.device, session.method(config)?);
     let schedule = &config.schedule;
     let from = if let Start::Resumed(checkpoint) = start { checkpoint.snapshot.iteration + 1 } else { 1 };
@@ -110,7 +129,8 @@ pub fn for_run(session: &Session<'_>, config: &RunConfig, opened: &Opened, start
     // Where not even one Gaussian fits, a buffer for pictures is too large.
     let Needed { bytes, largest } = needed(expected);
     let largest = if fitting == 0 { needed(1).largest } else { largest };
-    check(device, "the run", expected, size, Needed { bytes, largest }, relief)
+    let bytes = check(device, "the run", expected, size, Needed { bytes, largest }, relief)?;
+    Ok(Foreseen { gaussians: expected, bytes })
 }
 
 /// Bytes of device memory that the run of a block will need, which begins with or continues from `snapshot`.
@@ -182,7 +202,7 @@ fn of_run(device: &Device, config: &RunConfig, fixed: &TrainerNeeds, gaussians: 
     let needs = TrainerNeeds {
         gaussians,
         tail,
-        pairs: pair_capacity::estimate(device, gaussians + tail),
+        pairs: pair_capacity::estimate(device, gaussians + tail, fixed.size),
         pruning: config.prune.as_ref().map_or(0, |p| studied(gaussians, &p.compression)),
         evaluation: Evaluator::bytes(device, gaussians + tail, fixed.size, fixed.style),
         ..fixed.clone()
@@ -298,7 +318,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
     let (gaussians, degree) = (model.len(), model.degree());
     let staged = |bytes: u64| bytes + staging_bytes(bytes);
     let resident = staged(Resident::bytes(gaussians, degree));
-    let pairs = pair_capacity::device_max(device, gaussians);
+    let pairs = pair_capacity::estimate(device, gaussians, size);
     let evaluates = resident + Evaluator::bytes(device, gaussians, size, style);
     let passes = if own_pictures {
         virtual_views::bytes(device, gaussians, size, pairs, style, wanted)
@@ -316,7 +336,7 @@ pub fn for_compress(device: &Device, model: &Gaussians, needs: CompressNeeds) ->
 
     let trainer = TrainerNeeds {
         gaussians: trained,
-        pairs: pair_capacity::device_max(device, trained),
+        pairs: pair_capacity::estimate(device, trained, size),
         size,
         photos,
         depths: 0,

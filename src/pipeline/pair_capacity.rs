@@ -4,34 +4,33 @@
 use crate::gpu::Device;
 use crate::render::LEAST_PAIRS;
 
-/// Pairs expected for each Gaussian, on tiles of 16 pixels and on smaller ones.
+/// Pairs per Gaussian that renderers begin with, on tiles of 16 pixels and on smaller ones.
 const PER_GAUSSIAN: [u32; 2] = [4, 8];
 
-/// Capacity in pairs for `gaussians` that estimates of memory assume: a quarter more than is expected, as renderers take when
-/// they grow.
-pub fn estimate(device: &Device, gaussians: usize) -> u32 {
-    let usual = usual(device, gaussians);
-    usual.saturating_add(usual / 4)
+/// Ratio of the pairs that estimates assume to those of trained models: models in training vary, and renderers that grow take a quarter
+/// more than they need.
+const ROOM: f64 = 1.5;
+
+/// Capacity in pairs for `gaussians` in pictures of at most `size` pixels that estimates of memory assume.
+///
+/// With s = 8 sqrt(pixels / Gaussians) / tile, trained models that fill pictures have 1 + s + 0.88 s^2 pairs per Gaussian, within
+/// a fifth; objects before nothing have down to half of that (docs/decisions.md, 208).
+pub fn estimate(device: &Device, gaussians: usize, [width, height]: [u32; 2]) -> u32 {
+    let (pixels, n) = (f64::from(width) * f64::from(height), gaussians.max(1) as f64);
+    let s = 8.0 * (pixels / n).sqrt() / f64::from(device.tuning().tile);
+    let tile = device.tuning().tile;
+    let tiles = f64::from(width.div_ceil(tile)) * f64::from(height.div_ceil(tile));
+    let pairs = n * (ROOM * (1.0 + s + 0.88 * s * s)).min(tiles);
+    // Renderers begin with these, and may take a quarter more.
+    let begun = initial(device, gaussians);
+    (pairs as u32).max(begun.saturating_add(begun / 4))
 }
 
-/// Pairs expected in a picture of `gaussians`.
-fn expected(device: &Device, gaussians: usize) -> u32 {
-    let each = PER_GAUSSIAN[usize::from(device.tuning().tile < 16)];
-    u32::try_from(gaussians).unwrap_or(u32::MAX).saturating_mul(each)
-}
-
-/// The same, but at least what renderers begin with.
-fn usual(device: &Device, gaussians: usize) -> u32 {
-    expected(device, gaussians).max(LEAST_PAIRS)
-}
-
-/// The expected pairs of `gaussians`, but at most what fits into one of the device's buffers.
-pub fn device_max(device: &Device, gaussians: usize) -> u32 {
-    let bound = device.info().max_buffer_bytes / size_of::<[f32; 4]>() as u64;
-    usual(device, gaussians).min(u32::try_from(bound).unwrap_or(u32::MAX))
-}
-
-/// Initial capacity in pairs for a trained model: half of [`device_max`]'s.
+/// Initial capacity in pairs for a trained model: those of half of its Gaussians, but at least what renderers begin with, and at most
+/// what fits into one of the device's buffers.
 pub fn initial(device: &Device, gaussians: usize) -> u32 {
-    device_max(device, gaussians / 2)
+    let each = PER_GAUSSIAN[usize::from(device.tuning().tile < 16)];
+    let half = u32::try_from(gaussians / 2).unwrap_or(u32::MAX).saturating_mul(each);
+    let bound = device.info().max_buffer_bytes / size_of::<[f32; 4]>() as u64;
+    half.max(LEAST_PAIRS).min(u32::try_from(bound).unwrap_or(u32::MAX))
 }

@@ -16,9 +16,11 @@ pub fn place(model: &mut Gaussians, from: &mut [f64; 3], scene: &Path, images: O
     Ok(())
 }
 
-/// Variant of [`place`] for a model that was read; returns the [`doubt`].
+/// Variant of [`place`] for a model that was read; returns the [`doubt`], but none about a PLY near the world's origin: few of
+/// these have lost a comment, and it takes long to open a capture.
 pub fn place_read(loaded: &mut Loaded, scene: &Path, images: Option<&Path>) -> Result<Option<&'static str>, Error> {
-    if is_near(&loaded.gaussians, loaded.origin) && records_origins(loaded.format) {
+    let is_ply = matches!(loaded.format, Format::Ply | Format::CompressedPly);
+    if is_near(&loaded.gaussians, loaded.origin) && (is_ply || keeps_origins(loaded.format)) {
         return Ok(None);
     }
     let scene = open(scene, images)?;
@@ -36,9 +38,10 @@ fn is_near(model: &Gaussians, from: [f64; 3]) -> bool {
     from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO
 }
 
-/// True for formats that record a model's local origin themselves; the others need a georeference.json beside the file.
-fn records_origins(format: Format) -> bool {
-    !matches!(format, Format::Spz | Format::Sog | Format::Splat | Format::Ksplat)
+/// True for formats whose record of a local origin cannot be lost: that of a PLY is a comment, which other programs drop, and the others
+/// need a georeference.json beside the file.
+fn keeps_origins(format: Format) -> bool {
+    matches!(format, Format::Gltf | Format::Usd)
 }
 
 /// Variant of [`place`] for an open scene. A model without a recorded origin is assumed to use the world's if that
@@ -58,15 +61,16 @@ pub fn shift_to(model: &Gaussians, from: [f64; 3], scene: &Scene) -> DVec3 {
     if in_world { own - scene.origin } else { DVec3::ZERO }
 }
 
-/// A warning, as a predicate, about a model whose georeference.json may be lost: it is taken to have the scene's local origin, which is
-/// another than the world's.
+/// A warning, as a predicate, about a model whose record of a local origin may be lost: it is taken to have the scene's, which is another
+/// than the world's.
 pub fn doubt(loaded: &Loaded, scene: &Scene) -> Option<&'static str> {
     let Loaded { gaussians, origin, format, .. } = loaded;
     let is_guess = *origin == [0.0; 3]
-        && !records_origins(*format)
+        && !keeps_origins(*format)
         && scene.origin != DVec3::ZERO
         && shift_to(gaussians, *origin, scene) == DVec3::ZERO;
-    let warning = "records no local origin, so the capture's is assumed; if a georeference.json belongs to it, put it beside the model";
+    let warning = "records no local origin, so the capture's is assumed; if its PLY comment `origin X Y Z` was lost, or a \
+                   georeference.json names it, restore the comment, or put that file beside the model";
     is_guess.then_some(warning)
 }
 

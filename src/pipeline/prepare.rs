@@ -1,4 +1,4 @@
-//! From a scene on disk to views in memory.
+//! Reads a scene from disk into views in memory.
 
 use super::backdrop::backdrop;
 use crate::depth_maps::{self, DepthMaps};
@@ -223,7 +223,7 @@ pub fn open(selection: &Selection) -> Result<Opened, Error> {
     opened(selection, &selection.open_options())
 }
 
-/// Opens a scene to train on: how well poses fit its points is measured, too.
+/// Opens a scene to train on: how well poses fit its points is measured, too, and near copies of points are merged.
 pub fn open_to_train(selection: &Selection) -> Result<Opened, Error> {
     opened(selection, &OpenOptions { check: true, ..selection.open_options() })
 }

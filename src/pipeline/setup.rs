@@ -38,6 +38,8 @@ pub struct Setup<'a> {
     pub earlier_s: f64,
     /// Seconds until the photos were loaded.
     pub load_s: f64,
+    /// Seconds from there until everything is decided.
+    pub start_s: f64,
 }
 
 impl<'a> Setup<'a> {
@@ -67,10 +69,11 @@ impl<'a> Setup<'a> {
             Start::of(config, &opened.scene, pixels.iter().copied().max().unwrap_or(0), watcher)
         };
         let start = checkpoint.map_or_else(fresh, |checkpoint| Ok(Start::Resumed(Box::new(checkpoint))))?;
-        let estimated_bytes = budget::for_run(session, config, &opened, &start)?;
+        let estimated_bytes = budget::for_run(session, config, &opened, &start)?.bytes;
         let schedule = &config.schedule;
         let limit = schedule.growth.and_then(|plan| plan.limit(&pixels, schedule.iterations));
         let mut prepared = opened.load_to_train(session.photo_memory(output.folder()), watcher)?;
+        let load_s = begun.elapsed().as_secs_f64();
         let (Told { mut decisions, gains, sky }, advice) = effects::decide(&prepared, config)?;
         prepared.note(advice, watcher);
         let degree = match &start {
@@ -101,7 +104,7 @@ impl<'a> Setup<'a> {
         }
         let config = RunConfig { tuning: Some(device.tuning().clone()), ..decided };
         let earlier_s = if let Start::Resumed(checkpoint) = &start { checkpoint.notes.elapsed } else { 0.0 };
-        let (load_s, exposures) = (begun.elapsed().as_secs_f64(), Exposures::Learnt(gains.believed()));
+        let exposures = Exposures::Learnt(gains.believed());
         let setup = Self {
             session: *session,
             config,
@@ -114,6 +117,7 @@ impl<'a> Setup<'a> {
             begun,
             earlier_s,
             load_s,
+            start_s: begun.elapsed().as_secs_f64() - load_s,
         };
         Ok((setup, start))
     }

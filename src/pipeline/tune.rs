@@ -42,7 +42,7 @@ impl Scale {
 /// A tuning that was measured.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Tried {
-    /// In what it differs from the class's row.
+    /// Its difference from the class's row.
     pub name: String,
     /// The tuning.
     pub tuning: Tuning,
@@ -50,7 +50,7 @@ pub struct Tried {
     pub ms: f64,
     /// Median of its times divided by those of the class's row in the same rounds; absent if it was put together afterwards.
     pub ratio: Option<f64>,
-    /// The same, measured once more: only of the fastest.
+    /// `ratio` in a second measurement, which only the fastest get.
     pub again: Option<f64>,
 }
 
@@ -69,7 +69,7 @@ struct Subject {
     variant: Variant,
     trainer: Trainer,
     seconds: Vec<f64>,
-    /// By round, divided by the first subject's.
+    /// Times divided by the first subject's, by round.
     ratios: Vec<f64>,
     /// The same in the rounds of the fastest.
     again: Vec<f64>,

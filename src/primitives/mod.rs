@@ -4,7 +4,6 @@
 mod compact;
 mod count;
 mod gather;
-pub mod rates;
 mod reduce;
 mod scan;
 mod sort;

@@ -66,8 +66,8 @@ pub struct Modes {
 /// Results of one block.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solved {
-    /// One per selector of the solver, in the same order; without [`Selector::Gnso`] if the paper's eigenproblem is
-    /// solved elsewhere.
+    /// The ranking by each selector of the solver, in the same order; without [`Selector::Gnso`] if the paper's
+    /// eigenproblem is solved elsewhere.
     pub ranked: Vec<(Selector, Ranking)>,
     /// Solution of the paper's eigenproblem; `None` if it is solved elsewhere.
     pub modes: Option<Modes>,

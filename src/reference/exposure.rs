@@ -9,8 +9,8 @@ pub fn apply(affine: &[f64; 12], colours: &[[f64; 3]]) -> Vec<[f64; 3]> {
     colours.iter().map(|x| [row(x, 0), row(x, 1), row(x, 2)]).collect()
 }
 
-/// From the gradient by the exposed colours: the gradients by the colours, A^T g, and by the affine map, the sums of g
-/// x^T and of g.
+/// Gradients by the colours, A^T g, and by the affine map, the sums of g x^T and of g, from the gradient g by the
+/// exposed colours.
 pub fn backward(affine: &[f64; 12], colours: &[[f64; 3]], gradient: &[[f64; 3]]) -> (Vec<[f64; 3]>, [f64; 12]) {
     let mut sums = [0.0; 12];
     let through = |g: &[f64; 3], c: usize| (0..3).map(|r| affine[4 * r + c] * g[r]).sum::<f64>();

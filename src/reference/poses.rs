@@ -1,19 +1,37 @@
 //! The gradient of a picture's loss by a small motion of all that its camera sees.
 
-use super::Params;
+use super::{Params, project};
+use crate::gaussians::sh;
+use crate::kernels::constants::sh::float64::SH_C0;
 use glam::DVec3;
 
-/// From the gradients by a model's parameters: the gradient by a turn about `centre` and the one by a shift, in world
-/// axes. A turn moves means and axes; directions, and with them colours, stay as they are, but the part of a mean's
-/// gradient that comes from its direction cannot be told from the rest and counts as well.
-pub fn gradient(params: &Params, by: &Params, centre: DVec3) -> [f64; 6] {
+/// The gradients by a turn about `centre` and by a shift, in world axes, from those by a model's parameters, drawn to
+/// `sh_degree`. A turn of the camera leaves view directions, and with them colours, as they are, so what a mean's
+/// gradient has from its direction is taken out of the turn.
+pub fn gradient(params: &Params, by: &Params, centre: DVec3, sh_degree: usize) -> [f64; 6] {
     let (mut turn, mut shift) = (DVec3::ZERO, DVec3::ZERO);
     for i in 0..params.means.len() {
-        let by_mean = DVec3::from(by.means[i]);
-        turn += (DVec3::from(params.means[i]) - centre).cross(by_mean) + by_turn(params.rotations[i], by.rotations[i]);
+        let (from, by_mean) = (DVec3::from(params.means[i]) - centre, DVec3::from(by.means[i]));
+        let direction = from.normalize_or_zero();
+        turn += from.cross(by_mean) - direction.cross(by_direction(params, by, i, direction, sh_degree));
+        turn += by_turn(params.rotations[i], by.rotations[i]);
         shift += by_mean;
     }
     [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
+}
+
+/// The gradient by Gaussian `i`'s view direction: the gradient by its colour follows from that by band 0.
+fn by_direction(params: &Params, by: &Params, i: usize, direction: DVec3, sh_degree: usize) -> DVec3 {
+    let by_colour = DVec3::from_slice(&by.sh[0][3 * i..3 * i + 3]) / SH_C0;
+    let gradients = sh::basis_gradient(direction);
+    let mut sum = DVec3::ZERO;
+    for l in 1..project::bands(params, sh_degree) {
+        for m in 0..=2 * l {
+            let at = (i * (2 * l + 1) + m) * 3;
+            sum += gradients[l * l + m] * by_colour.dot(DVec3::from_slice(&params.sh[l][at..at + 3]));
+        }
+    }
+    sum
 }
 
 /// A turn w takes the quaternion q to q + 1/2 (0, w) q.

@@ -19,7 +19,7 @@ use crate::scene::camera::Camera;
 /// Reason for leaving a Gaussian out of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Culled {
-    /// At or before the near plane.
+    /// The centre lies at the near plane or before it.
     Near,
     /// The quaternion's largest component is below [`MIN_QUATERNION`].
     Quaternion,
@@ -89,7 +89,7 @@ pub struct Geometry {
     pub position: DVec3,
     /// x/z and y/z, clamped for the Jacobian.
     pub slope: DVec2,
-    /// For x/z and y/z: true if within the clamp's bounds.
+    /// True for x/z and for y/z if they lie within the clamp's bounds.
     pub free: [bool; 2],
     /// Unit quaternion w, x, y, z.
     pub quaternion: [f64; 4],

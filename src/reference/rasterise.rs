@@ -29,7 +29,7 @@ pub struct Composite {
 /// One Gaussian's contribution to one pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// From the Gaussian's centre to the pixel's centre, in pixels.
+    /// Offset from the Gaussian's centre to the pixel's centre, in pixels.
     pub offset: DVec2,
     /// Opacity, clamped.
     pub alpha: f64,

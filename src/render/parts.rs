@@ -84,7 +84,7 @@ pub struct Beside {
     pub each: u64,
     /// Bytes per Gaussian in the widest array, included in `each`.
     pub row: u64,
-    /// Other bytes.
+    /// Bytes that serve other purposes.
     pub taken: u64,
 }
 

@@ -124,7 +124,7 @@ impl Renderer {
         Ok(image?.pixels.iter().map(|p| p[0] as u32).collect())
     }
 
-    /// From now on, the green of a pixel is the red of the Gaussian with which half of its light is stopped, front to back; 0
+    /// Makes the green of a pixel the red of the Gaussian with which half of its light is stopped, front to back; 0
     /// where less is stopped. Of a model whose colours are depths, that is the median depth.
     #[must_use]
     pub fn with_medians(mut self) -> Self {

@@ -19,7 +19,7 @@ pub enum Culling {
     Exact = tiles::EXACT,
     /// The box of three standard deviations, as in the reference; it cuts faint tails.
     ThreeSigma = tiles::THREE_SIGMA,
-    /// Every tile.
+    /// No culling: every Gaussian is listed in every tile.
     Off = tiles::OFF,
 }
 

@@ -108,7 +108,7 @@ fn time(record: &CompressRecord) -> Markup {
 
 /// The target, the choice and the files tried.
 fn search(record: &AimRecord) -> Markup {
-    let AimRecord { aim, chosen, rungs, tried, .. } = record;
+    let AimRecord { aim, original, chosen, rungs, tried, .. } = record;
     let asked = match aim {
         Aim::Bytes(size) => format!("at most {}", bytes(*size)),
         Aim::Psnr(psnr) => format!("at least {} dB", decimals(*psnr, 2)),
@@ -124,6 +124,12 @@ fn search(record: &AimRecord) -> Markup {
         (Number("PSNR / dB"), &psnr),
         (Text("chosen"), &|point| if point == chosen { "yes" } else { "" }.to_owned()),
     ];
+    if *original {
+        return html! {
+            (facts(&[("target", asked)]))
+            p { "The input already has this format and is no larger: its own bytes were written." }
+        };
+    }
     html! {
         (facts(&[("target", asked), ("files tried", count(tried.len())), ("rungs of the format", count(*rungs))]))
         p { "A rung is a setting of the format; 0 is the coarsest. PSNR is that of the views by which files are compared." }

@@ -26,22 +26,32 @@ pub fn difference(a: &RgbImage, b: &RgbImage, gain: u8) -> Option<RgbImage> {
     })
 }
 
+/// Width and height in a page, in pixels, of a picture of this size: it is scaled down to at most 800 pixels.
+pub fn size_in_page(width: u32, height: u32) -> (u32, u32) {
+    let longest = width.max(height);
+    let side = |n: u32| ((u64::from(n) * u64::from(LONGEST) / u64::from(longest)) as u32).max(1);
+    if longest > LONGEST { (side(width), side(height)) } else { (width, height) }
+}
+
 /// The picture as a `data:` URI, scaled down to at most 800 pixels: PNG or JPEG, whichever is smaller. `None` if it is
 /// empty.
 pub fn data_uri(picture: &RgbImage) -> Option<String> {
-    let longest = picture.width().max(picture.height());
-    let smaller = (longest > LONGEST).then(|| {
-        let side = |n: u32| ((u64::from(n) * u64::from(LONGEST) / u64::from(longest)) as u32).max(1);
-        resize(picture, side(picture.width()), side(picture.height()), FilterType::CatmullRom)
-    });
+    let (w, h) = size_in_page(picture.width(), picture.height());
+    let smaller = ((w, h) != picture.dimensions()).then(|| resize(picture, w, h, FilterType::CatmullRom));
     let picture = smaller.as_ref().unwrap_or(picture);
-    let (w, h) = picture.dimensions();
     let kind = image::ExtendedColorType::Rgb8;
-    let (mut as_png, mut as_jpeg) = (Vec::new(), Vec::new());
-    png::PngEncoder::new_with_quality(&mut as_png, png::CompressionType::Default, png::FilterType::Adaptive)
-        .write_image(picture, w, h, kind)
-        .ok()?;
-    JpegEncoder::new_with_quality(&mut as_jpeg, QUALITY).write_image(picture, w, h, kind).ok()?;
+    let as_png = || {
+        let mut bytes: Vec<u8> = Vec::new();
+        png::PngEncoder::new_with_quality(&mut bytes, png::CompressionType::Default, png::FilterType::Adaptive)
+            .write_image(picture, w, h, kind)
+            .map(|()| bytes)
+    };
+    let as_jpeg = || {
+        let mut bytes: Vec<u8> = Vec::new();
+        JpegEncoder::new_with_quality(&mut bytes, QUALITY).write_image(picture, w, h, kind).map(|()| bytes)
+    };
+    let (as_png, as_jpeg) = rayon::join(as_png, as_jpeg);
+    let (as_png, as_jpeg) = (as_png.ok()?, as_jpeg.ok()?);
     let (name, bytes) = if as_png.len() <= as_jpeg.len() { ("png", as_png) } else { ("jpeg", as_jpeg) };
     Some(format!("data:image/{name};base64,{}", STANDARD.encode(bytes)))
 }

@@ -30,7 +30,7 @@ pub enum Gather {
 pub struct ResidentResponses {
     /// n x 8: values at the iteration that last showed the Gaussian, since averages decay lazily.
     pub values: Buffer<f32>,
-    /// n: that iteration.
+    /// The iteration that last showed each Gaussian, n.
     pub seen: Buffer<u32>,
 }
 

@@ -149,6 +149,11 @@ pub(super) fn is_grey(path: &Path) -> Option<bool> {
     jpeg.or_else(|| color_type(path).map(|kind| !kind.has_color()))
 }
 
+/// True for a TIFF whose header announces floats.
+pub(super) fn holds_floats(path: &Path) -> bool {
+    std::fs::read(path).is_ok_and(|bytes| tags::first(&bytes, tags::SAMPLE_FORMAT) == Some(tags::FLOATS))
+}
+
 /// True for a PNG whose header announces a palette.
 pub(super) fn is_indexed(path: &Path) -> bool {
     let mut start = Vec::new();
@@ -219,7 +224,7 @@ const COLOURED: u8 = 64;
 /// Least colour, of 255, that is not black.
 const NOT_BLACK: u8 = 16;
 
-/// White where a mask in a few colours, black among them, is not black; none for other masks.
+/// White where a mask in a few colours, black and another among them, is not black; none for other masks.
 fn labels(mask: &DynamicImage) -> Option<Vec<u8>> {
     if !mask.color().has_color() {
         return None;
@@ -234,7 +239,7 @@ fn labels(mask: &DynamicImage) -> Option<Vec<u8>> {
     let coloured = 2 * kinds.iter().map(ends).filter(|ends| is_coloured(*ends)).count() + 1 >= kinds.len();
     let black = kinds.iter().any(|pixel| ends(pixel).1 <= NOT_BLACK);
     let shown = |pixel: &image::Rgb<u8>| 255 * u8::from(ends(&pixel.0).1 > NOT_BLACK);
-    (few && coloured && black).then(|| colours.pixels().map(shown).collect())
+    (few && kinds.len() > 1 && coloured && black).then(|| colours.pixels().map(shown).collect())
 }
 
 /// True for the masks of instant-ngp, dynamic_mask_x.png, which hide what is not black.

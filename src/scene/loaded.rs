@@ -6,7 +6,7 @@ use crate::wording::counted;
 
 /// Loaded photos, with notes for the user.
 pub struct LoadedPhotos {
-    /// In the order of the views; a damaged photo fails alone.
+    /// The photos, in the order of the views; a damaged photo fails alone.
     pub photos: Vec<Result<Photo, Error>>,
     /// Notes for the user.
     pub notes: Vec<String>,
@@ -14,7 +14,7 @@ pub struct LoadedPhotos {
     pub without_mask: Vec<usize>,
 }
 
-/// What became of one view.
+/// The result of loading one view.
 pub(super) struct Loaded {
     pub photo: Result<Photo, Error>,
     /// Sum of its pixels' transparencies, if its alpha is used.
@@ -67,9 +67,9 @@ pub(super) fn unused_alpha(photos: usize) -> Option<String> {
     (photos > 0).then(|| format!("{} {what}", counted(photos, "photo")))
 }
 
-/// What users should know of alpha and masks: that masks are `unused`, the numbers of photos that are `hidden` as a whole, have the
-/// same alpha everywhere (`even`) or are `blank`, and, if alpha counts without having been requested, the share of transparent pixels,
-/// with true if these are masked.
+/// Notes for the user on alpha and masks: that masks are `unused`, the numbers of photos that are `hidden` as a whole,
+/// have the same alpha everywhere (`even`) or are `blank`, and, if alpha counts without having been requested, the
+/// share of transparent pixels, with true if these are masked.
 pub(super) fn notes(
     unused: bool,
     hidden: usize,

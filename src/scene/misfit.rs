@@ -11,7 +11,7 @@ const SOUND: (f64, f64) = (1.0, 0.003);
 /// Another meaning of a pose's numbers, world to camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reading {
-    /// They lead from the camera to the world.
+    /// The numbers lead from the camera to the world.
     CameraToWorld,
     /// The camera's y axis points up and its z axis backwards.
     OpenGl,

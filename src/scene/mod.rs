@@ -20,6 +20,7 @@ mod median;
 mod merge;
 mod misfit;
 mod near;
+mod neighbours;
 pub mod orbit;
 pub mod origin;
 mod overlap;
@@ -49,8 +50,11 @@ pub use loaded::LoadedPhotos;
 pub(crate) use median::{median, weighted_quantile};
 pub use misfit::{Misfit, Reading};
 pub use near::{ONE_PLACE, USUAL_DISTANCE, near_at};
+#[cfg(feature = "train")]
+pub(crate) use neighbours::Neighbours;
 pub use photo::{AlphaRole, DepthMap, Photo};
 pub use pixels::{PhotoFile, Pixels};
+pub(crate) use readers::text_of;
 #[cfg(feature = "pipeline")]
 pub(crate) use readers::unread_depth_map;
 pub use readers::{PhotoTree, archive_in, instead, is_video_name, masks_of, photo_folder, photo_names, read_text};
@@ -109,7 +113,8 @@ pub struct OpenOptions {
     pub pole_mask: f64,
     /// Folder of depth maps with the photos' names; the data set's own if none is given.
     pub depth: Option<PathBuf>,
-    /// True to measure how well poses fit the points ([`View::misfit`]).
+    /// True for scenes to train on or to inspect: measures how well poses fit the points ([`View::misfit`]), and merges near copies of
+    /// points.
     pub check: bool,
 }
 

@@ -56,7 +56,7 @@ pub struct Skipped {
     pub missing_images: Names,
     /// Views whose photo has another shape than their camera.
     pub mismatched_images: Names,
-    /// Those of them that would have their camera's shape if they were turned by 90°.
+    /// Views of `mismatched_images` whose photo would have the camera's shape if it were turned by 90°.
     pub turned_images: Names,
     /// Views whose photo is damaged.
     pub damaged_images: Names,
@@ -78,7 +78,7 @@ pub struct Skipped {
     pub missing_depths: Names,
     /// Points whose position is not finite.
     pub bad_points: usize,
-    /// Points that repeat another one's position.
+    /// Points that repeat another one's position or lie close to another.
     pub repeated_points: usize,
     /// Entries of points' tracks that name no view of the scene.
     pub track_entries: usize,
@@ -146,8 +146,8 @@ impl Skipped {
         let points = self.bad_points;
         lines.extend((points > 0).then(|| format!("{} not finite", counted(points, "point"))));
         let points = self.repeated_points;
-        lines
-            .extend((points > 0).then(|| format!("{} merged with others at the same place", counted(points, "point"))));
+        let merged = "merged with others at the same place or close to it";
+        lines.extend((points > 0).then(|| format!("{} {merged}", counted(points, "point"))));
         lines.extend(match self.track_entries {
             0 => None,
             1 => Some("1 track entry without a view".to_owned()),

@@ -22,11 +22,12 @@ pub enum Role {
     /// The data set does not say.
     #[default]
     Unsaid,
-    /// For training.
+    /// The view trains the model.
     Train,
-    /// For validation while methods are tuned; held out if no view is marked for test, otherwise unused.
+    /// The view serves validation while methods are tuned; it is held out if no view is marked for test, otherwise
+    /// unused.
     Validation,
-    /// Held out.
+    /// The view is held out.
     Test,
 }
 

@@ -25,7 +25,7 @@ use crate::kernels::probe::{Loop, LoopPush, LoopSpec};
 use crate::qirf::participation::Eigensolver;
 use crate::render::{Settings, Style};
 use participation::by_solver;
-use primitives::{LARGE, compaction, flags, over_sizes, scan, small_words, sort, words};
+use primitives::{MANY_PAIRS, compactions, large_total, many_blocks, scans, sort_kinds, sorts};
 use random::Kind;
 use rasterise::{CROSSED, DISCS, DUST, MILD, NEEDLES, SATURATED, against_twin};
 use serde::Serialize;
@@ -154,14 +154,15 @@ const fn full(room: &'static str, name: &'static str, body: Body) -> Case {
 
 const CASES: &[Case] = &[
     quick("driver", "loop of 100,000 steps", long_loop),
-    quick("scan", "sizes up to 65,537", |d| over_sizes(d, |d, n| scan(d, &small_words(n), n))),
-    full("scan", "1,000,003 words", primitives::scan_large),
-    quick("sort", "sizes up to 65,537", |d| over_sizes(d, |d, n| sort(d, &words(n, 2), 32, n))),
-    quick("sort", "few bits, ties, orders", primitives::sort_kinds),
-    full("sort", "1,000,003 pairs", |d| {
-        Ok(vec![("wrong words", sort(d, &words(LARGE, 4), 32, LARGE)?, Allowed::Exact(0.0))])
-    }),
-    quick("compact", "sizes up to 65,537", |d| over_sizes(d, |d, n| compaction(d, &flags(n), n))),
+    quick("scan", "sizes up to 65,537", |d| scans(d, 0)),
+    full("scan", "sizes up to 1,000,003, many blocks", |d| scans(d, many_blocks(d))),
+    full("scan", "total beyond 32 bits", large_total),
+    quick("sort", "sizes up to 65,537", |d| sorts(d, 0)),
+    quick("sort", "few bits, ties, orders", |d| sort_kinds(d, 0)),
+    full("sort", "sizes up to 1,000,003, many blocks", |d| sorts(d, MANY_PAIRS)),
+    full("sort", "few bits, ties, orders, many blocks", |d| sort_kinds(d, MANY_PAIRS)),
+    quick("compact", "sizes up to 65,537", |d| compactions(d, 0)),
+    full("compact", "sizes up to 1,000,003, many blocks", |d| compactions(d, many_blocks(d))),
     quick("overlap", "known pairs", overlap::known),
     quick("overlap", "500 random pairs", |d| overlap::random(d, 500)),
     full("overlap", "10,000 random pairs", |d| overlap::random(d, 10_000)),
@@ -228,7 +229,7 @@ fn antialiased() -> Settings {
     Style { antialias: true, ..Style::default() }.over([0.0; 3])
 }
 
-/// Some drivers silently end long loops early.
+/// Checks that a loop of 100,000 iterations runs to its end: some drivers silently end long loops early.
 fn long_loop(device: &Device) -> gpu::Result<Vec<Measure>> {
     let iterations = 100_000_u32;
     let result = device.upload("loop", &[0_u32])?;

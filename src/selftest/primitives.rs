@@ -6,16 +6,25 @@ use crate::gpu::{Buffer, Device, Recording, Result};
 use crate::primitives::{Count, Pairs, Scan, Sort, compact, gather};
 use crate::random::Random;
 
-pub(super) const LARGE: u32 = 1_000_003;
+const LARGE: u32 = 1_000_003;
 
-/// Sizes at and next to those of a subgroup, a workgroup and a block.
-fn sizes(device: &Device) -> Vec<u32> {
-    let mut sizes = vec![0, 1];
-    for edge in [device.info().subgroup_size, 256, Scan::block(device), 1 << 16] {
+/// Sizes around every boundary: subgroups, workgroups, blocks, powers of two.
+pub fn sizes(device: &Device) -> Vec<u32> {
+    let mut sizes = vec![0, 1, 2, 3];
+    let block = Scan::block(device);
+    for edge in [device.info().subgroup_size, 64, 256, 1024, block, 2 * block, 1 << 16] {
         sizes.extend([edge - 1, edge, edge + 1]);
     }
     sizes
 }
+
+/// Words of more blocks than a scan lets each sum all before it: with room for so many it has a phase for their sums.
+pub fn many_blocks(device: &Device) -> u32 {
+    Scan::block(device).saturating_mul(5000)
+}
+
+/// Pairs of more blocks than a sort lets each sum all before it.
+pub(super) const MANY_PAIRS: u32 = 1 << 20;
 
 /// `n` random words.
 pub fn words(n: u32, seed: u64) -> Vec<u32> {
@@ -57,7 +66,7 @@ pub fn exclusive_sum(data: &[u32]) -> (Vec<u32>, u32) {
 /// Number of words that differ in the prefix sums of `data`, in a buffer of their own and in place, and in the total;
 /// for sums beyond 32 bits, in the total alone. Infinite if words behind these are written. The scan has room for
 /// `capacity` words.
-pub fn scan(device: &Device, data: &[u32], capacity: u32) -> Result<f64> {
+fn scan(device: &Device, data: &[u32], capacity: u32) -> Result<f64> {
     let (source, target) = (guarded(device, data)?, guarded(device, &vec![7; data.len()])?);
     let total = Count::new(device, "total", u32::MAX, &[])?;
     let count = Count::known(device, "count", data.len() as u32, &[Scan::block(device)])?;
@@ -75,30 +84,36 @@ pub fn scan(device: &Device, data: &[u32], capacity: u32) -> Result<f64> {
 }
 
 /// Words whose sum stays within 32 bits.
-pub(super) fn small_words(n: u32) -> Vec<u32> {
+fn small_words(n: u32) -> Vec<u32> {
     words(n, 1).iter().map(|word| word >> 20).collect()
 }
 
-/// Number of words that differ, over all `sizes`.
-pub(super) fn over_sizes(device: &Device, case: impl Fn(&Device, u32) -> Result<f64>) -> Result<Vec<Measure>> {
+/// Number of words that differ, over all `sizes`, with room for at least `room` words; unless that is 0, over larger sizes
+/// too.
+fn over_sizes(device: &Device, room: u32, case: impl Fn(u32, u32) -> Result<f64>) -> Result<Vec<Measure>> {
     let mut wrong = 0.0;
     for n in sizes(device) {
-        wrong += case(device, n)?;
+        wrong += case(n, room.max(n))?;
+    }
+    // The sums of so many blocks are scanned in two rounds.
+    let two_rounds = (device.tuning().scan_workgroup + 1).saturating_mul(Scan::block(device));
+    for n in [two_rounds, LARGE].into_iter().filter(|_| room > 0) {
+        wrong += case(n, n)? + case(n, room.max(n))?;
     }
     Ok(vec![("wrong words", wrong, Exact(0.0))])
 }
 
-pub(super) fn scan_large(device: &Device) -> Result<Vec<Measure>> {
-    let beyond = scan(device, &words(LARGE, 1), LARGE)?;
-    Ok(vec![
-        ("wrong words", scan(device, &small_words(LARGE), LARGE)?, Exact(0.0)),
-        ("wrong total beyond 32 bits", beyond, Exact(0.0)),
-    ])
+pub(super) fn scans(device: &Device, room: u32) -> Result<Vec<Measure>> {
+    over_sizes(device, room, |n, room| scan(device, &small_words(n), room))
+}
+
+pub(super) fn large_total(device: &Device) -> Result<Vec<Measure>> {
+    Ok(vec![("wrong words", scan(device, &words(LARGE, 1), LARGE)?, Exact(0.0))])
 }
 
 /// Number of words that differ after a sort of `keys` by their lowest `bits`, with room for `capacity` pairs; infinite if
 /// words behind the pairs are written.
-pub fn sort(device: &Device, keys: &[u32], bits: u32, capacity: u32) -> Result<f64> {
+fn sort(device: &Device, keys: &[u32], bits: u32, capacity: u32) -> Result<f64> {
     let n = keys.len() as u32;
     let values: Vec<u32> = (0..n).collect();
     let pairs = Pairs { keys: guarded(device, keys)?, values: guarded(device, &values)? };
@@ -120,26 +135,30 @@ pub fn sort(device: &Device, keys: &[u32], bits: u32, capacity: u32) -> Result<f
     Ok(wrong)
 }
 
-pub(super) fn sort_kinds(device: &Device) -> Result<Vec<Measure>> {
+pub(super) fn sorts(device: &Device, room: u32) -> Result<Vec<Measure>> {
+    over_sizes(device, room, |n, room| sort(device, &words(n, 2), 32, room))
+}
+
+pub(super) fn sort_kinds(device: &Device, room: u32) -> Result<Vec<Measure>> {
     let mut wrong = 0.0;
-    for bits in [1, 5, 8, 9, 13, 17, 31] {
-        wrong += sort(device, &words(5000, 3), bits, 5000)?;
+    for bits in [1, 5, 8, 9, 13, 16, 17, 31] {
+        wrong += sort(device, &words(5000, 3), bits, room.max(5000))?;
     }
-    for keys in [vec![42; 9000], (0..9000).collect(), (0..9000).rev().collect(), vec![u32::MAX; 3000]] {
-        wrong += sort(device, &keys, 32, keys.len() as u32)?;
+    for keys in [vec![42; 10_000], (0..10_000).collect(), (0..10_000).rev().collect(), vec![u32::MAX; 3000]] {
+        wrong += sort(device, &keys, 32, room.max(keys.len() as u32))?;
     }
     Ok(vec![("wrong words", wrong, Exact(0.0))])
 }
 
 /// Flags of which about a third are set.
-pub fn flags(n: u32) -> Vec<u32> {
+fn flags(n: u32) -> Vec<u32> {
     words(n, 5).into_iter().map(|word| u32::from(word % 3 == 0)).collect()
 }
 
 /// Number of words that differ after a compaction of random keys by `flags`, and after the kept ones are gathered by
 /// their indices; words behind the kept ones must stay. Infinite if words behind these buffers are written. The scan has
 /// room for `capacity` words.
-pub fn compaction(device: &Device, flags: &[u32], capacity: u32) -> Result<f64> {
+fn compaction(device: &Device, flags: &[u32], capacity: u32) -> Result<f64> {
     let n = flags.len() as u32;
     let keys = words(n, 7);
     let kept: Vec<u32> = (0..n).filter(|i| flags[*i as usize] != 0).collect();
@@ -162,4 +181,12 @@ pub fn compaction(device: &Device, flags: &[u32], capacity: u32) -> Result<f64> 
         wrong += wrong_words(device, got, expected)?;
     }
     Ok(wrong)
+}
+
+/// A third of the words kept, none, and all.
+pub(super) fn compactions(device: &Device, room: u32) -> Result<Vec<Measure>> {
+    over_sizes(device, room, |n, room| {
+        let [none, all] = [0, 1].map(|flag| vec![flag; n as usize]);
+        Ok(compaction(device, &flags(n), room)? + compaction(device, &none, room)? + compaction(device, &all, room)?)
+    })
 }

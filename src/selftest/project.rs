@@ -33,7 +33,8 @@ fn hard(name: impl Into<String>, mean: [f32; 3], log_scale: [f32; 3], rotation: 
     Hard { name: name.into(), mean, log_scale, rotation, logit }
 }
 
-/// Around the near plane, inside the camera, far away, beside the view, larger than the screen, smaller than a pixel.
+/// Gaussians around the near plane, inside the camera, far away, beside the view, larger than the screen, smaller than
+/// a pixel.
 pub fn places() -> Vec<Hard> {
     let at = |name: &str, mean: [f32; 3], log_scale: f32| {
         hard(name, mean, [log_scale, log_scale - 0.5, log_scale + 0.3], TURNED, 1.0)
@@ -78,7 +79,7 @@ pub fn logits() -> Vec<Hard> {
     logits.map(|l| hard(format!("logit {l}"), [0.1, 0.0, 2.0], [-1.5, -1.2, -2.0], TURNED, l)).into()
 }
 
-/// 32 x 32 pixels, looking along +z from the origin, so that depths are the means' own z to the last bit.
+/// A camera of 32 x 32 pixels that looks along +z from the origin, so that depths are the means' own z to the last bit.
 pub fn ahead() -> Camera {
     Camera {
         rotation: DMat3::IDENTITY,

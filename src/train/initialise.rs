@@ -5,13 +5,10 @@ use crate::gaussians::Gaussians;
 use crate::kernels::constants::sh::float64::SH_C0;
 use crate::random::uniform;
 use crate::render::Settings;
-use crate::sample::evenly;
 use crate::scene::camera::Camera;
-use crate::scene::{ONE_PLACE, Photo, Point, USUAL_DISTANCE};
+use crate::scene::{Neighbours, ONE_PLACE, Photo, Point, USUAL_DISTANCE};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
-use rstar::RTree;
-use rstar::primitives::GeomWithData;
 use std::io;
 
 /// Initial opacity.
@@ -20,13 +17,8 @@ const OPACITY: f64 = 0.1;
 const FLATNESS: f64 = 0.1;
 /// Floor of the mean squared distance to the nearest neighbours, in square world units.
 const LEAST_SQUARED_DISTANCE: f64 = 1e-7;
-/// Neighbours among which copies of a point are told from others: clouds that were joined hold surfaces several times.
-const NEIGHBOURS: usize = 24;
-/// Copies of a point lie within this share of the distance to the last of these neighbours.
-const COPY: f64 = 0.05;
-/// Points looked at for copies, and the minimum share of them that have one for copies not to count as neighbours; of the points
-/// of a clean cloud 6 % have one.
-const COPIED: (usize, f64) = (1000, 0.3);
+/// Share of points with copies beyond which these do not count as neighbours.
+const COPIED: f64 = 0.3;
 /// Depths tried along a random ray; the one at which the photos agree best is taken.
 const DEPTHS: u64 = 12;
 /// Number of views that must see a random point, or the number of places of the cameras, if there are fewer: the faces of a
@@ -68,69 +60,36 @@ pub fn from_points(points: &[Seed]) -> Gaussians {
     from_points_in(points, 1.0)
 }
 
-/// Finite points, to find neighbours of.
-struct Neighbours<'a> {
-    points: &'a [Seed],
-    tree: RTree<GeomWithData<[f64; 3], usize>>,
-    /// True if copies of a point are not its neighbours.
-    distinct: bool,
-}
-
-impl<'a> Neighbours<'a> {
-    fn new(points: &'a [Seed]) -> Self {
-        // The tree cannot order NaN.
-        let finite: Vec<usize> = (0..points.len()).filter(|i| points[*i].position.is_finite()).collect();
-        let tree =
-            RTree::bulk_load(finite.iter().map(|i| GeomWithData::new(points[*i].position.to_array(), *i)).collect());
-        let mut neighbours = Self { points, tree, distinct: false };
-        let looked: Vec<&usize> = evenly(&finite, COPIED.0).collect();
-        let copied = looked.par_iter().filter(|i| neighbours.has_copy(***i)).count();
-        neighbours.distinct = copied as f64 > COPIED.1 * looked.len() as f64;
-        neighbours
-    }
-
-    /// The other points by their distance, which is squared.
-    fn nearest(&self, i: usize) -> impl Iterator<Item = (DVec3, f64)> {
-        let near = self.tree.nearest_neighbor_iter_with_distance_2(self.points[i].position.to_array());
-        near.filter(move |(entry, _)| entry.data != i).map(|(entry, d)| (self.points[entry.data].position, d))
-    }
-
-    fn has_copy(&self, i: usize) -> bool {
-        let mut near = self.nearest(i).take(NEIGHBOURS).map(|(_, d)| d);
-        let first = near.next();
-        first.zip(near.nth(NEIGHBOURS - 2)).is_some_and(|(first, last)| first < COPY * COPY * last)
-    }
-
-    /// Mean squared distance to the three nearest neighbours, or fewer if there are not more; none for a single point.
-    fn gap(&self, i: usize) -> Option<f64> {
-        let mean = |gaps: &[f64]| (!gaps.is_empty()).then(|| gaps.iter().sum::<f64>() / gaps.len() as f64);
-        if self.distinct {
-            let near: Vec<_> = self.nearest(i).take(NEIGHBOURS).collect();
-            let apart = COPY * COPY * near.last().map_or(0.0, |(_, d)| *d);
-            let mut chosen: Vec<(DVec3, f64)> = Vec::new();
-            for (at, d) in near {
-                let is_new = d >= apart && chosen.iter().all(|(other, _)| other.distance_squared(at) >= apart);
-                chosen.extend(is_new.then_some((at, d)));
-            }
-            if let Some(three) = chosen.get(..3) {
-                return mean(&[three[0].1, three[1].1, three[2].1]);
-            }
+/// Mean squared distance of a point to the three nearest neighbours, not counting copies, or fewer if there are not more; none for a
+/// single point.
+fn gap(points: &[Seed], neighbours: &Neighbours, i: usize) -> Option<f64> {
+    let mean = |gaps: &[f64]| (!gaps.is_empty()).then(|| gaps.iter().sum::<f64>() / gaps.len() as f64);
+    if neighbours.copied > COPIED {
+        let (near, apart) = neighbours.around(i);
+        let mut chosen: Vec<(DVec3, f64)> = Vec::new();
+        for (other, d) in near {
+            let at = points[other].position;
+            let is_new = d >= apart && chosen.iter().all(|(other, _)| other.distance_squared(at) >= apart);
+            chosen.extend(is_new.then_some((at, d)));
         }
-        mean(&self.nearest(i).take(3).map(|(_, d)| d).collect::<Vec<_>>())
+        if let Some(three) = chosen.get(..3) {
+            return mean(&[three[0].1, three[1].1, three[2].1]);
+        }
     }
+    mean(&neighbours.nearest(i).take(3).map(|(_, d)| d).collect::<Vec<_>>())
 }
 
 /// Gaussians on points: their scale is the distance of the three nearest neighbours, opacity 0.1, SH degree 0. They are balls, or, on
 /// points with a normal, flat along it. `unit` is the scene's size in usual ones.
 pub fn from_points_in(points: &[Seed], unit: f64) -> Gaussians {
     let least = LEAST_SQUARED_DISTANCE * unit * unit;
-    let neighbours = Neighbours::new(points);
+    let neighbours = Neighbours::of(points.iter().map(|p| p.position).collect());
     let log_scale = |i: usize, p: &Seed| -> f32 {
         if !p.position.is_finite() {
             return 0.5 * (least as f32).ln(); // density control removes it
         }
         // A single point has no neighbour that could give its size.
-        let gap = neighbours.gap(i).unwrap_or(1e-4 * unit * unit);
+        let gap = gap(points, &neighbours, i).unwrap_or(1e-4 * unit * unit);
         (0.5 * gap.max(least).ln()) as f32
     };
     let logit = (OPACITY / (1.0 - OPACITY)).ln() as f32;

@@ -1,7 +1,7 @@
 //! The interface for methods of other papers: their work within an iteration of training and between iterations.
 //!
 //! The training loop knows no method by name. A method is attached by [`Options::method`](super::Options::method);
-//! `src/lab/methods` holds those of this program, one file each. Without one, no hook is called and nothing is
+//! `src/lab/methods` holds those of this program, each a file or folder. Without one, no hook is called and nothing is
 //! recorded.
 
 use super::error::Result;

@@ -159,7 +159,7 @@ impl Poses {
         Buffer::<f32>::bytes_of(SIZE * photos) + Buffer::<f32>::bytes_of(SIZE * GROUPS as usize)
     }
 
-    /// No corrections yet of these photos' cameras.
+    /// Starts without corrections of these photos' cameras.
     pub fn new(device: &Device, photos: &[Photo]) -> Result<Self> {
         Ok(Self {
             given: photos.iter().map(|photo| photo.camera.clone()).collect(),
@@ -200,13 +200,17 @@ impl Poses {
                     rotations: &training.model.parameters.rotations,
                     partials: &self.partials,
                     gradients: &self.gradients,
+                    view: renderer.slots(camera).view,
+                    sh1: &training.model.parameters.sh[1],
+                    sh2: &training.model.parameters.sh[2],
+                    sh3: &training.model.parameters.sh[3],
                     push: PosesPush {
                         centre: camera.centre().as_vec3().to_array(),
                         photo: photo as u32,
                         groups,
                         pair_limit: rows.limit,
                     },
-                    spec: PosesSpec { workgroup: WORKGROUP, phase },
+                    spec: PosesSpec { workgroup: WORKGROUP, phase, degree: training.model.degree as u32 },
                 };
                 r.dispatch(&kernel, Groups::Count(groups_now));
             }

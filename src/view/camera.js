@@ -38,9 +38,12 @@ function looking(forward, up) {
 const POLE = 0.02;
 
 export class Camera {
-  /** `reach`, the distance from which one sees the whole, bounds zooming and keeps flights from stopping; 0 if it is not known. */
-  constructor({ position, rotation, fov }, target, up, reach = 0) {
-    Object.assign(this, { position, rotation: unit(rotation), fov, up: unit(up), reach });
+  /**
+   * `shift`: the principal point, where the target appears, from the picture's middle, to the right and down, in heights of the picture.
+   * `reach`, the distance from which one sees the whole, bounds zooming and keeps flights from stopping; 0 if it is not known.
+   */
+  constructor({ position, rotation, fov, shift = [0, 0] }, target, up, reach = 0) {
+    Object.assign(this, { position, rotation: unit(rotation), fov, shift, up: unit(up), reach });
     this.distance = Math.max(length(less(target, position)), 1e-6);
   }
 
@@ -94,8 +97,11 @@ export class Camera {
     this.rotation = looking(way, this.up);
   }
 
-  /** The sphere about the target that fits into a picture of this ratio of width to height: x, y, z, radius. */
-  sphere(ratio) { return [...this.target, this.distance * Math.sin(Math.atan(Math.tan(this.fov / 2) * Math.min(1, ratio)))]; }
+  /** Radius of the circle about the target that fits into a picture of this ratio of width to height, in heights of the picture. */
+  room(ratio) { return Math.max(0, Math.min(0.5 - Math.abs(this.shift[1]), 0.5 * ratio - Math.abs(this.shift[0]))); }
+
+  /** The sphere that this circle outlines: x, y, z, radius. */
+  sphere(ratio) { return [...this.target, this.distance * Math.sin(Math.atan(2 * Math.tan(this.fov / 2) * this.room(ratio)))]; }
 
   /** Puts the horizon level. */
   level() { if (length(cross(this.forward, this.up)) > 1e-3) this.rotation = looking(this.forward, this.up); }
@@ -104,8 +110,8 @@ export class Camera {
   project(point, [width, height]) {
     const [x, y, z] = turnedBack(this.rotation, less(point, this.position));
     if (z < 1e-4 * this.distance) return null;
-    const focal = height / 2 / Math.tan(this.fov / 2);
-    return [width / 2 + (focal * x) / z, height / 2 + (focal * y) / z, z];
+    const focal = height / 2 / Math.tan(this.fov / 2), [right, down] = scaled(this.shift, height);
+    return [width / 2 + right + (focal * x) / z, height / 2 + down + (focal * y) / z, z];
   }
 }
 

@@ -39,6 +39,12 @@ export function colours(cameras) {
   return cameras.map((c) => (c.psnr != null ? scale((c.psnr - low) / range) : c.held_out ? "#7fb0ff" : "#8a94a3"));
 }
 
+/** The point at (x, y) of a camera's drawn picture, which reaches from -1 to 1 in both. */
+function inPicture(c, [x, y], size) {
+  const half = Math.tan(c.fov / 2), wide = (half * c.size[0]) / c.size[1], [right, down] = scaled(c.shift, 2 * half);
+  return add(c.position, turned(c.rotation, scaled([x * wide - right, y * half - down, 1], size)));
+}
+
 /** Draws cameras and axes in the rectangle [x, y, width, height] of the canvas. */
 export function draw(context, [left, top, width, height], camera, cameras, paints, size, chosen) {
   const line = (points, paint, thick = 1) => {
@@ -51,9 +57,7 @@ export function draw(context, [left, top, width, height], camera, cameras, paint
     context.stroke();
   };
   cameras.forEach((c, n) => {
-    const half = Math.tan(c.fov / 2), wide = (half * c.size[0]) / c.size[1];
-    const corner = (x, y) => add(c.position, turned(c.rotation, [x * wide * size, y * half * size, size]));
-    const corners = [corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)];
+    const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map((at) => inPicture(c, at, size));
     const thick = n === chosen ? 2.5 : 1;
     line([...corners, corners[0]], paints[n], thick);
     corners.forEach((p) => line([c.position, p], paints[n], thick));
@@ -63,11 +67,11 @@ export function draw(context, [left, top, width, height], camera, cameras, paint
     line([target, add(target, scaled(axis, reach))], paint, 1.5));
 }
 
-/** The camera at a pixel; -1 for none. */
+/** The camera whose place or drawn picture's middle is at a pixel; -1 for none. */
 export function hit([x, y], [left, top, width, height], camera, cameras, size) {
   let best = -1, nearest = REACH;
   cameras.forEach((c, n) => {
-    for (const point of [c.position, add(c.position, turned(c.rotation, [0, 0, size]))]) {
+    for (const point of [c.position, inPicture(c, [0, 0], size)]) {
       const pixel = camera.project(point, [width, height]);
       const distance = pixel ? Math.hypot(left + pixel[0] - x, top + pixel[1] - y) : Infinity;
       if (distance < nearest) [best, nearest] = [n, distance];

@@ -40,11 +40,11 @@ export const twoModels = () => state.scene.models.length > 1 && Number($("split"
 
 function send(still, model) {
   if (state.socket?.readyState !== WebSocket.OPEN || !state.camera) return;
-  const { position, rotation, fov } = state.camera;
+  const { position, rotation, fov, shift } = state.camera;
   const grey = $("background").value;
   const request = {
     number: ++state.sent, size: size(), picture: state.kind, model, degree: Number($("degree").value), still,
-    camera: state.photo >= 0 ? { photo: state.photo } : { pose: { position, rotation, fov } },
+    camera: state.photo >= 0 ? { photo: state.photo } : { pose: { position, rotation, fov, shift } },
     background: grey === "" ? null : [Number(grey), Number(grey), Number(grey)],
   };
   state.request = request;
@@ -232,17 +232,22 @@ function inFile([x, y, z, radius]) {
   return [...less(scaled([x, y, z], unit), models[state.model]?.shift ?? [0, 0, 0]), unit * radius];
 }
 
-/** Shows the sphere that fits into the picture: its outline, and the option that keeps what lies in it. */
+/** Shows the sphere that fits into the picture: its outline, and the option that keeps what lies in it; nothing if none fits. */
 function crop(context) {
-  const [left, top, width, height] = rectangle();
+  const [left, top, width, height] = rectangle(), { camera } = state, ratio = picture.width / picture.height;
+  const [right, down] = scaled(camera.shift, height), room = camera.room(ratio), option = $("crop").lastElementChild;
+  if (room === 0) {
+    option.textContent = "";
+    return;
+  }
   context.beginPath();
-  context.arc(left + width / 2, top + height / 2, Math.min(width, height) / 2, 0, 2 * Math.PI);
+  context.arc(left + width / 2 + right, top + height / 2 + down, room * height, 0, 2 * Math.PI);
   context.strokeStyle = "#fff";
   context.stroke();
   // All four to a thousandth of the radius, wherever the centre lies.
-  const sphere = inFile(state.camera.sphere(picture.width / picture.height));
+  const sphere = inFile(camera.sphere(ratio));
   const digits = Math.min(20, Math.max(0, 3 - Math.floor(Math.log10(sphere[3]))));
-  $("crop").lastElementChild.textContent = `--crop-sphere ${sphere.map((v) => Number(v.toFixed(digits))).join(",")}`;
+  option.textContent = `--crop-sphere ${sphere.map((v) => Number(v.toFixed(digits))).join(",")}`;
 }
 
 // --- Connection -----------------------------------------------------------------------------------------------------------------

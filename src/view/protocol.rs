@@ -4,13 +4,15 @@
 //! 32 bytes before an encoded picture, and with JSON about the progress of a run.
 
 use crate::scene::camera::Camera;
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Largest number of pixels of a picture.
 pub const MOST_PIXELS: u64 = 8 << 20;
 /// Range of the field of view of a request, in radians.
 const FIELDS: std::ops::RangeInclusive<f64> = 0.01..=3.0;
+/// Largest shift of a request, in heights of the picture.
+const MOST_SHIFT: f64 = 1000.0;
 
 /// A message from the page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -69,6 +71,9 @@ pub enum RequestCamera {
         rotation: [f64; 4],
         /// Vertical field of view in radians.
         fov: f64,
+        /// The principal point from the picture's middle, to the right and down, in heights of the picture; default: 0, 0.
+        #[serde(default)]
+        shift: [f64; 2],
     },
 }
 
@@ -116,8 +121,17 @@ pub enum Control {
 }
 
 impl RequestCamera {
-    /// The camera of a free pose.
-    pub fn free(position: [f64; 3], rotation: [f64; 4], fov: f64, [width, height]: [u32; 2]) -> Result<Camera, String> {
+    /// The camera of a free pose, for a picture of `width` x `height` pixels; the parameters are those of [`RequestCamera::Pose`].
+    ///
+    /// # Errors
+    /// A sentence about numbers that are no camera's.
+    pub fn free(
+        position: [f64; 3],
+        rotation: [f64; 4],
+        fov: f64,
+        shift: [f64; 2],
+        [width, height]: [u32; 2],
+    ) -> Result<Camera, String> {
         let [w, x, y, z] = rotation;
         let (position, to_world) = (DVec3::from(position), DQuat::from_xyzw(x, y, z, w));
         let length = to_world.length();
@@ -127,9 +141,13 @@ impl RequestCamera {
                 "the camera is not a finite position, a rotation and a field of view of 0.01 to 3 radians".into()
             );
         }
+        if !shift.iter().all(|part| part.abs() <= MOST_SHIFT) {
+            return Err(format!("the camera's shift is not two numbers of at most {MOST_SHIFT} picture heights"));
+        }
         let rotation = DMat3::from_quat(to_world.normalize()).transpose();
         let level = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, fov, width, height);
-        Ok(Camera { rotation, translation: -(rotation * position), ..level })
+        let principal = level.principal + DVec2::from(shift) * f64::from(height);
+        Ok(Camera { rotation, translation: -(rotation * position), principal, ..level })
     }
 }
 
@@ -280,14 +298,36 @@ mod tests {
         let (eye, target) = (DVec3::new(1.0, -2.0, 3.0), DVec3::new(0.5, 0.0, -1.0));
         let wanted = Camera::look_at(eye, target, DVec3::NEG_Y, 0.9, 64, 48);
         let q = DQuat::from_mat3(&wanted.rotation.transpose());
-        let camera = RequestCamera::free(eye.to_array(), [q.w, q.x, q.y, q.z], 0.9, [64, 48]).unwrap();
+        let camera = RequestCamera::free(eye.to_array(), [q.w, q.x, q.y, q.z], 0.9, [0.0; 2], [64, 48]).unwrap();
         assert!((camera.translation - wanted.translation).length() < 1e-12);
         assert_eq!((camera.focal, camera.principal, camera.width), (wanted.focal, wanted.principal, 64));
-        let one = [1.0, 0.0, 0.0, 0.0];
-        for (position, rotation, fov) in
-            [([f64::NAN; 3], one, 0.9), ([0.0; 3], [0.0; 4], 0.9), ([0.0; 3], one, 0.0), ([0.0; 3], one, f64::INFINITY)]
-        {
-            assert!(RequestCamera::free(position, rotation, fov, [64, 48]).is_err());
+        let (one, zero) = ([1.0, 0.0, 0.0, 0.0], [0.0; 2]);
+        for (position, rotation, fov, shift) in [
+            ([f64::NAN; 3], one, 0.9, zero),
+            ([0.0; 3], [0.0; 4], 0.9, zero),
+            ([0.0; 3], one, 0.0, zero),
+            ([0.0; 3], one, f64::INFINITY, zero),
+            ([0.0; 3], one, 0.9, [0.0, f64::NAN]),
+            ([0.0; 3], one, 0.9, [1e9, 0.0]),
+        ] {
+            assert!(RequestCamera::free(position, rotation, fov, shift, [64, 48]).is_err());
+        }
+    }
+
+    /// In a window twice as high, the principal point lies twice as far from the middle; in a part of a picture, it counts from
+    /// the part's corner.
+    #[test]
+    fn a_pose_keeps_the_principal_point() {
+        let level = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.9, 64, 48);
+        let whole = Camera { principal: DVec2::new(36.0, 12.0), ..level };
+        for (camera, expected) in [(whole.part([32, 16], [16, 16]), [8.0, -8.0]), (whole, [72.0, 24.0])] {
+            let given = serde_json::json!({ "pose": super::super::subject::pose(&camera) });
+            let Ok(RequestCamera::Pose { position, rotation, fov, shift }) = serde_json::from_value(given) else {
+                panic!("a pose is not read")
+            };
+            let size = [2 * camera.width, 2 * camera.height];
+            let free = RequestCamera::free(position, rotation, fov, shift, size).unwrap();
+            assert!(free.principal.distance(DVec2::from(expected)) < 1e-9, "{free:?}");
         }
     }
 }

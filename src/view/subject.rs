@@ -9,7 +9,7 @@ use crate::render::Style;
 use crate::scene::camera::Camera;
 use crate::scene::orbit::{Look, Outline};
 use crate::scene::{AlphaRole, LoadOptions, Photo, Resize, Scene, Split, load_photos, near_at};
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use serde_json::{Value, json};
 use std::collections::HashMap;
@@ -24,7 +24,7 @@ pub struct Model {
     pub gaussians: Gaussians,
     /// Local origin of the file's means, in the world.
     pub origin: [f64; 3],
-    /// What was added to the file's means to let the model lie where it is shown.
+    /// Translation added to the file's means to place the model where it is shown.
     pub shift: DVec3,
     /// The style to draw them in.
     pub style: Style,
@@ -49,7 +49,7 @@ pub struct Subject {
     pub title: String,
     /// Purpose of the viewer.
     pub job: Job,
-    /// At least one model; empty while a job is watched, whose model changes.
+    /// The models, at least one; none while a job is watched, whose model changes.
     pub models: Vec<Model>,
     /// Colour behind the Gaussians.
     pub background: [f32; 3],
@@ -115,11 +115,16 @@ pub(super) fn jpeg(
     Ok(out)
 }
 
-/// Position, rotation (camera to world; w, x, y, z) and vertical field of view of a camera.
+/// Position, rotation (camera to world; w, x, y, z), vertical field of view in radians, and shift of a camera: its principal
+/// point from the middle of its picture, to the right and down, in heights of the picture.
 pub(super) fn pose(camera: &Camera) -> Value {
     let q = DQuat::from_mat3(&camera.rotation.transpose());
-    let fov = 2.0 * (0.5 * f64::from(camera.height) / camera.focal.y).atan();
-    json!({ "position": camera.centre().to_array(), "rotation": [q.w, q.x, q.y, q.z], "fov": fov })
+    let (size, corner) = (DVec2::new(camera.width.into(), camera.height.into()), camera.whole().corner);
+    let fov = 2.0 * (0.5 * size.y / camera.focal.y).atan();
+    let shift = (camera.principal - DVec2::from(corner.map(f64::from)) - 0.5 * size) / size.y;
+    json!({
+        "position": camera.centre().to_array(), "rotation": [q.w, q.x, q.y, q.z], "fov": fov, "shift": shift.to_array(),
+    })
 }
 
 impl Subject {

@@ -1,44 +1,14 @@
-//! Primitives against the host, at every size at or next to a block, a subgroup or a power of two.
+//! Primitives against the host, beyond the selftest's cases: totals, gathered words, limits, sums.
 
 use crate::support::{Random, device, finish};
 use qirf_vk::gpu::{Device, Recording};
 use qirf_vk::primitives::{Count, Pairs, Scan, WORKGROUP, Words, compact, reduce};
-use qirf_vk::selftest::primitives::{compaction, exclusive_sum, flags, guarded, scan, sort, words, wrong_words};
-
-/// Sizes around every boundary: subgroups, workgroups, blocks, powers of two.
-fn sizes(device: &Device) -> Vec<u32> {
-    let subgroup = device.info().subgroup_size;
-    let mut sizes = vec![0, 1, 2, 3];
-    for edge in [subgroup, 64, 256, 1024, Scan::block(device), 2 * Scan::block(device), 1 << 16] {
-        sizes.extend([edge - 1, edge, edge + 1]);
-    }
-    sizes.push(1_000_003);
-    sizes
-}
+use qirf_vk::selftest::primitives::{exclusive_sum, guarded, many_blocks, sizes, words, wrong_words};
 
 fn run(device: &Device, record: impl FnOnce(&mut Recording)) {
     let mut recording = Recording::new();
     record(&mut recording);
     device.run(recording).unwrap();
-}
-
-#[test]
-fn scan_is_exact() {
-    let device = device();
-    // The sums of this many blocks are scanned in two rounds.
-    let two_rounds = (device.tuning().scan_workgroup + 1) * Scan::block(&device);
-    for n in sizes(&device).into_iter().chain([two_rounds]) {
-        let data: Vec<u32> = words(n, 1).iter().map(|word| word % 1000).collect();
-        for capacity in [n, many_blocks(&device)] {
-            assert_eq!(scan(&device, &data, capacity).unwrap(), 0.0, "n = {n} of {capacity}");
-        }
-    }
-    finish(&device);
-}
-
-/// Room for more words than a scan of few blocks: the scan then has a phase for their sums.
-fn many_blocks(device: &Device) -> u32 {
-    5000 * Scan::block(device)
 }
 
 /// A total beyond 32 bits must not appear to fit, wherever in the scan it becomes too large.
@@ -75,58 +45,11 @@ fn totals_saturate() {
     finish(&device);
 }
 
-/// With room for these keys alone, and with room for more blocks than can sum each other's counts, as a million keys need
-/// by themselves.
-fn check_sort(device: &Device, keys: &[u32], bits: u32) {
-    let n = keys.len() as u32;
-    for capacity in [n, 1 << 20].into_iter().take(if n < 1_000_000 { 2 } else { 1 }) {
-        assert_eq!(sort(device, keys, bits, capacity).unwrap(), 0.0, "n = {n} of {capacity}, {bits} bits");
-    }
-}
-
-#[test]
-fn sort_is_stable_and_exact() {
-    let device = device();
-    for n in sizes(&device) {
-        check_sort(&device, &words(n, 2), 32);
-    }
-    for bits in [1, 5, 8, 9, 13, 16, 17, 31] {
-        check_sort(&device, &words(5000, 3), bits);
-    }
-    check_sort(&device, &vec![42; 10_000], 32);
-    check_sort(&device, &(0..10_000).collect::<Vec<_>>(), 32);
-    check_sort(&device, &(0..10_000).rev().collect::<Vec<_>>(), 32);
-    check_sort(&device, &[u32::MAX; 3000], 32);
-    finish(&device);
-}
-
-fn check_compact(device: &Device, flags: &[u32]) {
-    let n = flags.len() as u32;
-    for capacity in [n, many_blocks(device)] {
-        assert_eq!(compaction(device, flags, capacity).unwrap(), 0.0, "n = {n} of {capacity}");
-    }
-}
-
-#[test]
-fn compact_and_gather() {
-    let device = device();
-    for n in sizes(&device) {
-        check_compact(&device, &flags(n));
-    }
-    // All kept, then none.
-    for flag in [0, 1] {
-        for n in [1, 256, Scan::block(&device) + 1, 70_001] {
-            check_compact(&device, &vec![flag; n as usize]);
-        }
-    }
-    finish(&device);
-}
-
 /// The words are gathered once, into the target of the sums.
 #[test]
 fn scan_of_gathered_words() {
     let device = device();
-    for n in sizes(&device) {
+    for n in sizes(&device).into_iter().chain([1_000_003]) {
         let below = |count: u32, seed: u64| words(count, seed).iter().map(|word| word % 1000).collect::<Vec<_>>();
         let (source, indices) = (below(1000, 8), below(n, 9));
         let gathered: Vec<u32> = indices.iter().map(|i| source[*i as usize]).collect();

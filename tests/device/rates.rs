@@ -1,8 +1,11 @@
 //! The device's rates, from which `make figures` computes its bounds.
 
+#[path = "../../benches/engine/peak.rs"]
+mod peak;
+
 use crate::support::{device, finish};
-use qirf_vk::gpu::{Hazards, Recording};
-use qirf_vk::primitives::rates::{By, Chain, Copy, MultiplyAdd};
+use peak::{By, Chain, Copy, MultiplyAdd};
+use qirf_vk::gpu::{Buffer, Hazards, Recording};
 
 #[test]
 fn rates_do_the_work_that_they_count() {
@@ -13,8 +16,8 @@ fn rates_do_the_work_that_they_count() {
         let mut recording = Recording::new();
         copy.record(&mut recording);
         device.run(recording).unwrap();
-        assert!(copy.moved() >= 64 << 20 && copy.moved().is_multiple_of(Copy::bytes(100_003)));
-        assert!(copy.target().read(&device).unwrap().iter().all(|v| *v == 1.0), "{by:?}");
+        assert!(copy.moved() >= 64 << 20 && copy.moved().is_multiple_of(2 * Buffer::<f32>::bytes_of(100_003)));
+        assert!(copy.to.read(&device).unwrap().iter().all(|v| *v == 1.0), "{by:?}");
     }
     let chain = Chain::new(&device).unwrap();
     let mut recording = Recording::new();
@@ -26,7 +29,7 @@ fn rates_do_the_work_that_they_count() {
     let mut recording = Recording::new();
     work.record(&mut recording);
     device.run(recording).unwrap();
-    let sums = work.sums(&device).unwrap();
+    let sums = work.sums.read(&device).unwrap();
     assert!(work.operations() > 1_000_000_000 && sums.iter().all(|s| *s == sums[0] && *s == 12.0));
     finish(&device);
 }

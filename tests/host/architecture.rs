@@ -66,6 +66,7 @@ const STEPS: &[(&str, &str)] = &[
 const EXEMPT: &[(&[&str], Place, &str)] = &[
     (PRIMITIVES, Place::Twin, "exact: the standard library is the oracle"),
     (PRIMITIVES, Place::Label, "timed as part of the stage that calls it"),
+    (&["primitives/gather", "primitives/sort"], Place::Test, "cases of the selftest, which tests/device runs"),
     (&["primitives/compact", "primitives/gather"], Place::Bench, "measured in the depth sort"),
     (&["primitives/reduce"], Place::Bench, "one dispatch every 16th iteration"),
     (&["response/residual"], Place::Bench, "one dispatch after the loss"),

@@ -3,7 +3,6 @@
 use crate::support::{shared, skip};
 use qirf_vk::metrics::{self, Error, Image, Kind, Lpips, Networks, Range, Scores};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Width, height and values in [0, 1].
 fn read(path: &Path) -> (usize, usize, Vec<f32>) {
@@ -67,26 +66,6 @@ fn networks_hit_the_published_values() {
         for (found, wanted) in found.into_iter().zip(published) {
             assert!((found - wanted).abs() < 1e-5, "{found}, published {wanted}");
         }
-    }
-}
-
-/// `cargo test --release --test host metrics:: -- --ignored --nocapture` prints the time of LPIPS here.
-#[test]
-#[ignore = "a measurement"]
-fn time_of_a_pair() {
-    let Some(lpips) = vgg() else { return };
-    for (width, height) in [(256, 192), (989, 742), (1920, 1080)] {
-        let (a, b) = (picture(width, height, 1), picture(width, height, 2));
-        let (a, b) = (Image::new(width, height, &a).unwrap(), Image::new(width, height, &b).unwrap());
-        let start = Instant::now();
-        let lpips = lpips.distance(&a, &b, Range::Unit).unwrap();
-        let seconds = start.elapsed().as_secs_f64();
-        let start = Instant::now();
-        let ssim = metrics::ssim(&a, &b).unwrap();
-        println!(
-            "{width} x {height}: LPIPS (VGG) {lpips:.6} in {seconds:.3} s, SSIM {ssim:.6} in {:?}",
-            start.elapsed()
-        );
     }
 }
 

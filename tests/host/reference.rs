@@ -208,18 +208,17 @@ fn mean_gradient_without_the_direction() {
     }
 }
 
-/// A camera's motion moves all that it sees: the sums over Gaussians are the difference quotients, of a shift with all
-/// bands, of a turn with constant colours.
+/// A camera's motion moves all that it sees: the sums over Gaussians are the difference quotients.
 #[test]
 fn gradients_by_the_pose() {
     let camera = small_camera(32, 24);
-    for (sh_degree, motions) in [(0, 0..6), (3, 3..6)] {
+    for sh_degree in [0, 2, 3] {
         let params = random_scene(&camera, 9);
         let settings = Settings { sh_degree, smooth_cutoff: true, ..Settings::default() };
         let by_image = vec![[0.5, -1.0, 2.0]; 32 * 24];
         let by_params = gradients(&params, &camera, &settings, &by_image, None).params;
-        let analytic = poses::gradient(&params, &by_params, camera.centre());
-        for k in motions {
+        let analytic = poses::gradient(&params, &by_params, camera.centre(), sh_degree);
+        for k in 0..6 {
             let value = |h: f64| {
                 let [turn, shift] =
                     [0, 3].map(|first| DVec3::from([0, 1, 2].map(|c| if first + c == k { h } else { 0.0 })));

@@ -39,6 +39,8 @@ fn variables_that_say_nothing_are_named() {
     refused(&[("QIRF_LIMITS", "riva")], 2, &["QIRF_LIMITS=riva", "small-buffers"]);
     refused(&[("QIRF_SUBGROUP", "wide")], 2, &["QIRF_SUBGROUP=wide"]);
     refused(&[("QIRF_DESCRIPTORS", "pull")], 2, &["QIRF_DESCRIPTORS=pull", "neither push nor sets"]);
+    let ended = device(&[("QIRF_MAX_SUBMISSION", "x")]).with(2, &["QIRF_MAX_SUBMISSION=x"]);
+    assert!(ended.out.is_empty(), "listed before the variable was read: {}", ended.out);
 }
 
 /// The manifest of an installed driver for CPUs by Mesa, as the loader would find it.

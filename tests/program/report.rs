@@ -112,9 +112,13 @@ fn rich() -> RunRecord {
         time: Times {
             total_s: 30.0,
             load_s: 1.0,
+            start_s: 0.5,
             train_s: 22.0,
             prune_s: 2.0,
+            curve_s: 1.25,
             evaluate_s: 3.0,
+            write_s: 0.75,
+            report_s: 1.0,
             stages_s: BTreeMap::from([("rasterise", 9.0), ("project", 1.0), ("a_stage_with_a_very_long_name", 0.0)]),
         },
         effects: Vec::new(),
@@ -221,7 +225,9 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
     assert!(tiles.iter().any(|t| t.contains("before pruning: 12.5")), "{tiles:?}");
     assert_eq!(html.texts("#effects p"), ["No effect was decided on."]);
     // Names of bars are whole; the spread of a spectrum is no part of a mode's name.
-    assert!(html.texts("#time text").contains(&"a_stage_with_a_very_long_name"), "{:?}", html.texts("#time text"));
+    let times = html.texts("#time text");
+    let told = ["a_stage_with_a_very_long_name", "start", "quality curve", "files", "pictures of this page", "other"];
+    assert!(told.iter().all(|name| times.contains(name)), "{times:?}");
     let blocks = html.texts("#blocks text");
     assert!(
         blocks.contains(&"71") && blocks.contains(&"0.19") && !blocks.iter().any(|t| t.contains('±')),

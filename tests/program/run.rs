@@ -84,6 +84,10 @@ fn a_run_leaves_what_reproduces_it() {
     }
     assert!(metrics["test"]["psnr"].as_f64().unwrap() > 15.0, "{}", metrics["test"]);
     assert_eq!(metrics["schema"], 1);
+    let time = |name: &str| metrics["time"][name].as_f64().unwrap();
+    let parts = ["load_s", "start_s", "train_s", "curve_s", "evaluate_s", "write_s", "report_s"].map(time);
+    let (named, total) = (parts.iter().sum::<f64>(), time("total_s"));
+    assert!(parts.iter().all(|s| *s > 0.0) && named <= total && named > 0.9 * total, "{}", metrics["time"]);
     let renders = std::fs::read_dir(first.join("renders")).unwrap().flatten();
     assert_eq!(renders.filter(|e| e.path().is_file()).count(), 2);
     assert!(!first.join("checkpoint.safetensors").exists(), "a whole run leaves no checkpoint");
@@ -94,6 +98,7 @@ fn a_run_leaves_what_reproduces_it() {
     assert_eq!(model(first), model(&second), "the same run gives the same bytes");
 
     assert!(first.join("report.html").exists() && !second.join("report.html").exists());
+    assert_eq!(self::metrics(&second)["time"]["report_s"], 0.0);
 
     // What it printed is its log, which agrees with its record.
     assert_eq!(printed, std::fs::read_to_string(second.join("log.jsonl")).expect("log.jsonl"));

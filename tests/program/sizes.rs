@@ -41,6 +41,36 @@ fn files_have_the_size_that_was_asked_for() {
     assert_eq!(made["aim"]["written"]["gaussians"].as_u64(), Some(count(&made, "output")));
 }
 
+/// A file of the same format that is small enough already is better than any that is made from it.
+#[test]
+fn an_input_that_fits_is_written_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = saved(folder.path(), &ball());
+    let packed = folder.path().join("packed.sog");
+    formats::write(&packed, &ball(), formats::RenderMode::Plain).unwrap();
+    for (input, name) in [(&model, "a.ply"), (&packed, "a.sog")] {
+        let (before, out) = (std::fs::read(input).unwrap(), folder.path().join(name));
+        for (size, is_same) in [(before.len(), true), (before.len() - 1, false)] {
+            let made = small(input, &out, &["--size", &format!("{size}B")]);
+            let written = std::fs::read(&out).unwrap();
+            assert!(written.len() <= size && (written == before) == is_same, "{name}: {}", made["aim"]);
+            assert_eq!(made["aim"]["original"] == true, is_same, "{name}: {}", made["aim"]);
+        }
+    }
+    let views = ["--views", "16", "--size", "64x64", "--size", "1GB"];
+    compressed(&model, &folder.path().join("b.ply"), &views).with(0, &["its own bytes were written"]);
+}
+
+#[test]
+fn views_that_are_too_few_to_choose_a_file_by_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (model, out) = (saved(folder.path(), &ball()), folder.path().join("a.sog"));
+    for (views, are_few) in [("4", true), ("16", false)] {
+        let made = compressed(&model, &out, &["--views", views, "--size", "64x64", "--size", "3kB"]).with(0, &[]);
+        assert_eq!(made.said.contains("few views"), are_few, "{views}: {}", made.said);
+    }
+}
+
 /// Photos with exposures of their own: a run, the packing of its model, `compress` and `eval` score alike.
 #[test]
 fn exposures_are_fitted_wherever_photos_score() {
@@ -208,6 +238,9 @@ fn files_have_the_psnr_that_was_asked_for_or_say_why_not() {
     };
     let tiny = ["--views", "16", "--size", "64x64", "--size", "100B"];
     refused(2, "the smallest SOG file", &tiny);
+    let empty = folder.path().join("empty.ply");
+    formats::write(&empty, &Gaussians::zeroed(0, 1), formats::RenderMode::Plain).unwrap();
+    compressed(&empty, &out, &tiny).with(2, &["this model is empty, and its SOG file has"]);
     let packed = folder.path().join("a.compressed.ply");
     compressed(&model, &packed, &tiny).with(2, &["the smallest compressed PLY file"]);
     for bad in ["5", "0", "-1MB", "1XB", "MB", "nanMB"] {

@@ -129,6 +129,24 @@ fn models_with_local_origins_lie_in_one_world() {
     assert_eq!((&description["models"][0]["shift"], &description["unit"]), (&json!([12.0, 0.0, 0.0]), &json!(1.0)));
 }
 
+/// The first view is its photo's, also where the principal point lies beside the picture's middle.
+#[test]
+fn the_first_view_is_that_of_its_photo() {
+    let folder = tempfile::tempdir().unwrap();
+    copy(scene(), folder.path());
+    fs::write(folder.path().join("sparse/0/cameras.txt"), "1 PINHOLE 64 48 60 60 39 17\n").unwrap();
+    let viewer = Viewer::start(&["view", &beside("model.ply"), "--scene", &folder.path().display().to_string()]);
+    let description = viewer.json("/scene.json");
+    let first = description["cameras"].as_array().unwrap().iter().position(|c| c["held_out"] == true).unwrap();
+    let mut socket = viewer.socket();
+    let [free, photo] = [json!({ "pose": description["start"] }), json!({ "photo": first })].map(|camera| {
+        let (_, bytes) = socket.picture(&request(1, &camera.to_string(), r#""still":true"#));
+        image::load_from_memory(&bytes).unwrap().into_rgb8()
+    });
+    let most = free.iter().zip(photo.iter()).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(most.is_some_and(|most| most <= 2), "{most:?}");
+}
+
 #[test]
 fn an_up_axis_is_the_users_or_that_of_the_photos() {
     let up = |more: &[&str]| viewer(more).json("/scene.json")["up"].clone();

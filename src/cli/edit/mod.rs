@@ -226,8 +226,8 @@ fn left(gaussians: usize, degree: usize) -> String {
 /// The least and the greatest coordinates of a model's means.
 type Bounds = ([f32; 3], [f32; 3]);
 
-/// Before an operation other than a move: applies the moves that wait, and returns the model's bounds. Warns if they took it
-/// far from its origin, and it was not `far` before.
+/// Applies pending moves before an operation that is no move, and returns the model's bounds. Warns if the moves took
+/// the model far from its origin and it was not `far` before.
 fn bounds_before(
     asked: &Asked,
     editor: &mut Editor,

@@ -16,7 +16,7 @@ const HEADING: &str = "Operations, in their order";
 pub(super) struct Asked {
     /// Name on the command line.
     pub name: String,
-    /// Why it removes what it removes.
+    /// Reason for its removals, as the user reads it.
     pub why: String,
     pub what: Operation,
 }

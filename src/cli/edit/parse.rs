@@ -43,7 +43,7 @@ pub(super) fn turn(text: &str) -> Result<Similarity, String> {
     turn.map_err(|e| e.to_string())
 }
 
-/// `z`, or `y:z` for a model whose y is up.
+/// Parses a new up axis, `z`, or `y:z` for a model whose y is up, into the rotation to it.
 pub(super) fn up(text: &str) -> Result<Similarity, String> {
     let form = "write x, y, z, -x, -y or -z, or such an axis that is up now, a colon and the new one, such as y:z";
     let (from, to) = match text.split_once(':') {

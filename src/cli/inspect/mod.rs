@@ -3,6 +3,7 @@
 mod model;
 mod scene;
 
+use super::Global;
 use super::console::Console;
 use super::values;
 use crate::edit::reading_warnings;
@@ -11,10 +12,12 @@ use crate::gaussians::{
     self,
     formats::{self, Loaded},
 };
-use crate::job::Error;
 use crate::job::earlier::is_run;
+use crate::job::{Error, Preset, RunConfig, Session};
+use crate::metrics::Networks;
+use crate::pipeline::budget::{Foreseen, foreseen};
 use crate::scene::{OpenOptions, Scene, instead};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -72,9 +75,36 @@ impl Arguments {
         }
     }
 
-    pub fn run(&self, console: &Console) -> Result<(), Error> {
+    /// The needs of a run of the scene without options, if a device is there to tell.
+    fn needs(&self, global: &Global) -> Option<Value> {
+        let device = global.open().ok()?;
+        let preset = Preset::default();
+        let config = RunConfig {
+            images: self.images.clone(),
+            depth: self.depth.clone(),
+            pole_mask: self.pole_mask,
+            ..RunConfig::of(self.path.clone(), preset).pruned(preset.pruning())
+        };
+        let networks = Networks::default();
+        match foreseen(&Session::new(&device, &networks), &config) {
+            Ok(Foreseen { gaussians, bytes }) => {
+                Some(json!({ "device": device.info().name, "gaussians": gaussians, "bytes": bytes }))
+            }
+            Err(error @ (Error::Memory { .. } | Error::Buffer { .. })) => {
+                Some(json!({ "device": device.info().name, "problem": error.to_string() }))
+            }
+            Err(_) => None,
+        }
+    }
+
+    pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let value = if is_scene(&self.path) {
-            scene::describe(&self.path, &self.options(), self.html.as_deref()).map_err(|e| unfinished(&self.path, e))?
+            let mut value = scene::describe(&self.path, &self.options(), self.html.as_deref())
+                .map_err(|e| unfinished(&self.path, e))?;
+            if let (Some(fields), Some(needs)) = (value.as_object_mut(), self.needs(global)) {
+                fields.insert("run_needs".to_owned(), needs);
+            }
+            value
         } else if let Some(option) = self.of_scenes() {
             return Err(Error::Usage(format!("{option} needs a scene, but {} is a model", self.path.display())));
         } else {

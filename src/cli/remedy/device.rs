@@ -22,7 +22,8 @@ pub(super) fn device(error: &gpu::Error) -> Option<String> {
         }
         gpu::Error::Lost(_) => plain(
             "run the same command again, with --resume if it has this option; if it fails again, try a newer driver, a \
-             longer watchdog of the driver, a smaller --resolution, or another --device",
+             longer watchdog of the driver or shorter submissions (--max-submission 500), a smaller --resolution, or \
+             another --device",
         ),
         gpu::Error::NoFreeDevice { .. } => plain("wait for one of them, or choose a device with --device"),
         gpu::Error::HiddenDevices { .. } => plain(
@@ -89,6 +90,7 @@ mod tests {
     fn drivers_are_those_of_the_system_and_options_those_that_help() {
         assert!(vulkan(&gpu::Error::NoDriver, "macos").contains("brew install vulkan-loader molten-vk"));
         assert!(vulkan(&gpu::Error::NoDevice, "windows").contains("vulkan-1.dll"));
+        assert!(device(&gpu::Error::Lost("a wait")).is_some_and(|told| told.contains("--max-submission")));
         let large = gpu::Error::TooLarge { name: "sh2".into(), needed: 2, limit: 1, device: "D".into() };
         assert!(device(&large).is_some_and(|told| !told.contains("compress") && !told.contains("--selector")));
         for (relief, buffers, told) in [

@@ -16,7 +16,7 @@ struct Georeference {
     schema: u32,
     /// Origin of the model written last.
     origin: [f64; 3],
-    /// By name of file.
+    /// Local origin of each model, by the name of its file.
     #[serde(default)]
     models: BTreeMap<String, [f64; 3]>,
 }

@@ -32,7 +32,7 @@ use crate::extension::{extension, has_extension};
 use std::borrow::Cow;
 use std::fs;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use serde::Serialize;
 
@@ -258,6 +258,12 @@ fn finish(parsed: Parsed) -> Loaded {
     let (mut repairs, removed) = repairs::repair(&mut gaussians);
     repairs.trailing_bytes = trailing_bytes;
     Loaded { gaussians, format, mode: tag.mode, doubt: tag.doubt, repairs, removed, origin: tag.origin }
+}
+
+/// True if a path that a file names, or an archive contains, stays within its folder.
+fn stays_within(path: &Path) -> bool {
+    let within = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+    !path.as_os_str().is_empty() && path.components().all(within)
 }
 
 /// True if a name has the extension of a model.

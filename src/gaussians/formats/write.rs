@@ -116,7 +116,8 @@ pub fn write_levels(path: &Path, levels: &[Gaussians], (mode, origin): (RenderMo
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     let earlier = sog::folders_of_levels(folder);
-    let files = sog::pack_levels(levels, mode, &Precision::Fixed.of_sog()).map_err(|fault| fault.at(path))?;
+    let precision = usual(Path::new("model.sog"), &levels[0]).of_sog();
+    let files = sog::pack_levels(levels, mode, &precision).map_err(|fault| fault.at(path))?;
     let stale = earlier.into_iter().filter(|part| !files.iter().any(|(name, _)| Path::new(name).starts_with(part)));
     let stale: Vec<PathBuf> = stale.collect();
     for (name, content) in files {

@@ -56,9 +56,9 @@ impl Named {
 /// Whether a device may be chosen without being named by index or address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::gpu) enum Visibility {
-    /// Yes; this is its place among its kind.
+    /// The device may be chosen; this is its place among its kind.
     Place(usize),
-    /// No; this variable hides it.
+    /// The device may not be chosen, because this variable hides it.
     Hidden(&'static str),
 }
 

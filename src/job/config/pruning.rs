@@ -85,14 +85,15 @@ pub struct Pruning {
     pub at: Vec<f64>,
     /// Source of the responses.
     pub responses: ResponseSource,
-    /// Share of the run from which they are averaged.
+    /// Share of the run from which responses are averaged.
     pub average_from: f64,
     /// Weight of the mean squared error in the loss of the fine-tuning.
     pub l2: f64,
     /// Share of the run from which that loss holds, where it does not begin with the first prune.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub l2_from: Option<f64>,
-    /// Instead of the prunes after the first, and before its choice: attrition to nearly the number kept.
+    /// Attrition to nearly the number kept, which begins at the first prune and ends with its choice of Gaussians;
+    /// further prunes are then left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attrition: Option<Attrition>,
     /// True if rates are re-warmed after the last prune.

@@ -126,10 +126,10 @@ pub struct RunConfig {
     /// True if the photos' cameras are corrected: the user's choice, or the decision if that is left to the scene.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub poses: bool,
-    /// True if pictures leave out Gaussians by chance, likewise.
+    /// True if pictures leave out Gaussians by chance: the user's choice, or the scene's decision.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub dropout: bool,
-    /// True if pictures are compared with the photos' depth maps, likewise.
+    /// True if pictures are compared with the photos' depth maps: the user's choice, or the scene's decision.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub depth_loss: bool,
     /// Largest number of Gaussians.

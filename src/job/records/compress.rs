@@ -53,6 +53,10 @@ pub struct AimRecord {
     /// The target.
     #[serde(flatten)]
     pub aim: Aim,
+    /// True if the input's own bytes were written, because it is a file of the same format and of at most the size
+    /// wanted: then no file was tried.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub original: bool,
     /// The file chosen, before fine-tuning; its PSNR is of the views that files are compared by.
     pub chosen: Point,
     /// The file written; absent without fine-tuning, where it is the one chosen.
@@ -143,9 +147,10 @@ impl ModelFile {
 pub struct StageScores {
     /// Scores of the original model; null if its own pictures are the truth, or without held-out views.
     pub before: Option<Scores>,
-    /// After the prune; null without held-out views, and if a divided compression wrote a format that rounds values.
+    /// Scores after the prune; null without held-out views, and if a divided compression wrote a format that rounds
+    /// values.
     pub pruned: Option<Scores>,
-    /// After fine-tuning; null if there was none.
+    /// Scores after fine-tuning; null if there was none.
     pub fine_tuned: Option<Scores>,
     /// Scores of the file as it is read back; null if a divided compression wrote a format that stores floats.
     #[serde(default)]
@@ -188,7 +193,7 @@ pub struct CompressTimes {
     pub truth_s: f64,
     /// The pass over the views that gives responses.
     pub responses_s: f64,
-    /// From partition to keep mask.
+    /// Choosing the Gaussians, from the partition to the keep mask.
     pub keep_mask_s: f64,
     /// Merging dropped Gaussians into kept ones.
     pub merge_s: f64,

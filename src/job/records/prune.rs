@@ -129,7 +129,7 @@ pub struct PruneSeconds {
     pub solve: f64,
     /// Assembly and solution, in parallel.
     pub assemble_and_solve: f64,
-    /// From ranks to a mask.
+    /// Selection, from ranks to a keep mask.
     pub select: f64,
     /// Merging, and compaction of parameters and moments.
     pub merge: f64,

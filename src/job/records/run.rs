@@ -10,6 +10,7 @@ use crate::scene::Skipped;
 use crate::train::method::Cut;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 /// The contents of `metrics.json`.
 #[derive(Clone, Debug, Serialize)]
@@ -178,18 +179,34 @@ pub fn infinite_for_nulls<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
 /// Seconds.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Times {
-    /// The whole run.
+    /// From the opening of the scene until the pictures of its report are made, including resumed parts.
     pub total_s: f64,
     /// Reading the scene and its photos.
     pub load_s: f64,
+    /// From there until training starts: decisions on effects, with their trial, and the trainer's start.
+    pub start_s: f64,
     /// Training and pruning, including resumed parts, without evaluations on the way.
     pub train_s: f64,
     /// Pruning, a part of `train_s`.
     pub prune_s: f64,
-    /// Evaluation.
+    /// Evaluations on the way: the curve, and frame rates before prunes.
+    pub curve_s: f64,
+    /// Evaluation at the end, with the pictures of held-out views.
     pub evaluate_s: f64,
+    /// Writing the other files: the model, checkpoints, and the photos and dense pictures for the report.
+    pub write_s: f64,
+    /// Encoding the report's pictures, and its viewer; 0 without a report.
+    pub report_s: f64,
     /// Device time of training by stage.
     pub stages_s: BTreeMap<&'static str, f64>,
+}
+
+impl Times {
+    /// Adds the time of a report that is made after the run.
+    pub fn add_report(&mut self, time: Duration) {
+        self.report_s = time.as_secs_f64();
+        self.total_s += self.report_s;
+    }
 }
 
 /// Counts of what was repaired, skipped or left out.

@@ -38,7 +38,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Of values in dB; none of fewer than two.
+    /// The statistics of values in dB; none of fewer than two.
     fn of(values: &[f64]) -> Option<Self> {
         let n = values.len();
         Some(Self { n, error: deviation(values)? / (n as f64).sqrt(), t: student(n) })

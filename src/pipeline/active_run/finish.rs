@@ -18,7 +18,7 @@ impl ActiveRun<'_> {
         let Setup { session, prepared, .. } = self.setup;
         let Session { networks, watcher, .. } = *session;
         let (config, output) = (self.config, self.output);
-        let evaluating = Instant::now();
+        let (evaluating, written) = (Instant::now(), self.spent.write);
         let mut model = self.trainer.download()?;
         let mut floaters = None;
         if config.clean {
@@ -31,7 +31,9 @@ impl ActiveRun<'_> {
             }
             floaters = Some((counts, Resident::upload(session.device, &model)?));
         }
+        let writing = Instant::now();
         prepared.write(&output.model(), &model, config.style.mode())?;
+        self.spent.write += writing.elapsed().as_secs_f64();
         let mut follow = |done: usize| {
             watcher.progress(Stage::Scores, done, prepared.test.len());
             Ok(())
@@ -47,7 +49,9 @@ impl ActiveRun<'_> {
             Ok(assessment)
         })?;
         assessment.held_out.warn(watcher);
+        let writing = Instant::now();
         exhibits::photos(prepared, &output.renders())?;
+        self.spent.write += writing.elapsed().as_secs_f64();
         let protocol = Protocol {
             iterations: Some(config.schedule.iterations),
             seed: Some(config.seed),
@@ -62,7 +66,7 @@ impl ActiveRun<'_> {
         let settings = prepared.settings(config.style);
         let held_out: Vec<_> = prepared.test.iter().map(|(_, photo)| photo).collect();
         record.camera_errors = camera_errors(session, &model, &held_out, settings, config.exposure)?;
-        record.time.evaluate_s = evaluating.elapsed().as_secs_f64();
+        record.time.evaluate_s = evaluating.elapsed().as_secs_f64() - (record.time.write_s - written);
         record.time.total_s = setup.elapsed();
         let passes = f64::from(config.schedule.iterations) / prepared.train.len().max(1) as f64;
         if let Some(note) = record.camera_errors.and_then(|errors| errors.note(Some(passes), config.poses)) {
@@ -81,7 +85,7 @@ impl ActiveRun<'_> {
     /// An evaluation's record with the figures of training added.
     fn record(self, evaluated: RunRecord) -> RunRecord {
         let memory = self.memory();
-        let Self { setup, trainer, notes, .. } = self;
+        let Self { setup, trainer, notes, spent, .. } = self;
         RunRecord {
             gaussians: Counts {
                 initial: Some(notes.initial),
@@ -91,8 +95,11 @@ impl ActiveRun<'_> {
             guards: Guards { skipped_rows: trainer.skipped_rows(), ..evaluated.guards },
             time: Times {
                 load_s: setup.load_s,
+                start_s: spent.start,
                 train_s: notes.seconds,
                 prune_s: notes.prunes.iter().fold(0.0, |sum, p| sum + p.seconds.total),
+                curve_s: spent.curve,
+                write_s: spent.write,
                 stages_s: trainer.timings().iter().map(|(name, seconds, _)| (name, seconds)).collect(),
                 ..Times::default()
             },

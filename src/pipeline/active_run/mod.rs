@@ -41,6 +41,18 @@ pub struct ActiveRun<'a> {
     /// Iteration of the state that is in the folder's checkpoint, if there is one.
     saved: Option<u32>,
     log: Option<RunLog>,
+    spent: Spent,
+}
+
+/// Seconds since the last start, besides training.
+#[derive(Clone, Copy, Default)]
+struct Spent {
+    /// From the photos until training starts.
+    start: f64,
+    /// Evaluations on the way.
+    curve: f64,
+    /// Writing files.
+    write: f64,
 }
 
 impl<'a> ActiveRun<'a> {
@@ -49,6 +61,7 @@ impl<'a> ActiveRun<'a> {
     /// # Errors
     /// Device memory; device errors; cameras that leave no room for random points; [`Error::OtherRun`] for a snapshot of other photos.
     pub fn start(setup: &'a Setup<'a>, config: &'a RunConfig, output: &'a Output, start: Start) -> Result<Self, Error> {
+        let begun = Instant::now();
         let Setup { session, prepared, .. } = setup;
         let device = session.device;
         let settings = prepared.settings(config.style);
@@ -92,10 +105,12 @@ impl<'a> ActiveRun<'a> {
         // Starts empty and grows on demand; runs in blocks never use it.
         let mut evaluator = Evaluator::empty(device, settings)?;
         evaluator.compare_as(config.exposure);
-        let mut run = Self { setup, config, output, trainer, evaluator, notes, saved, log: None };
+        let spent = Spent::default();
+        let mut run = Self { setup, config, output, trainer, evaluator, notes, saved, log: None, spent };
         if !run.notes.prunes.is_empty() || run.trainer.attrition().is_some() {
             run.fine_tune();
         }
+        run.spent.start = setup.start_s + begun.elapsed().as_secs_f64();
         Ok(run)
     }
 
@@ -113,11 +128,25 @@ impl<'a> ActiveRun<'a> {
     /// [`Error::Interrupted`] after one.
     pub fn train(&mut self, until: u32) -> Result<(), Error> {
         let trained = self.advance(until);
-        // The model may be half-way through a change: its state is not written.
         if let Err(error) = &trained
             && let Some(iteration) = self.saved.filter(|_| self.output.checkpoint().is_file())
         {
             tell_of_checkpoint(self.setup.session.watcher, error, iteration);
+        }
+        trained
+    }
+
+    /// Trains one stretch. If device memory ends it after an iteration, that one's checkpoint is written; none is written
+    /// half-way through a change of the model, nor where checkpoints are off.
+    fn stretch(&mut self, until: u32) -> Result<Progress, Error> {
+        let trained = self.trainer.advance(until).map_err(Error::from);
+        if matches!(&trained, Err(Error::Device(error)) if error.is_resources())
+            && self.config.checkpoint_every > 0
+            && self.trainer.is_whole()
+            && self.trainer.iteration() > self.saved.unwrap_or(0)
+            && self.checkpoint().is_ok_and(|checkpoint| checkpoint.write(&self.output.checkpoint()).is_ok())
+        {
+            self.saved = Some(self.trainer.iteration());
         }
         trained
     }
@@ -143,7 +172,7 @@ impl<'a> ActiveRun<'a> {
             let started = Instant::now();
             let watcher = self.setup.session.watcher;
             let pace = now.saturating_add(watcher.pace());
-            let progress = self.trainer.advance(until.min(next(step)).min(next(every)).min(pause).min(pace))?;
+            let progress = self.stretch(until.min(next(step)).min(next(every)).min(pause).min(pace))?;
             self.notes.seconds += started.elapsed().as_secs_f64();
             watcher.training(&progress, last);
             watcher.look(&self.trainer);
@@ -163,7 +192,9 @@ impl<'a> ActiveRun<'a> {
             }
             let stop = watcher.stop();
             if stop || watcher.checkpoint() || (every > 0 && at > now && at.is_multiple_of(every) && at < last) {
+                let writing = Instant::now();
                 self.checkpoint()?.write(&self.output.checkpoint())?;
+                self.spent.write += writing.elapsed().as_secs_f64();
                 self.saved = Some(at);
             }
             if stop {
@@ -230,21 +261,24 @@ impl<'a> ActiveRun<'a> {
         !self.notes.prunes.is_empty()
     }
 
-    /// Prune number `self.notes.prunes.len()` of `steps`; or the beginning of the attrition before it.
+    /// Makes prune number `self.notes.prunes.len()` of `steps`, or begins the attrition before it.
     fn prune(&mut self, steps: usize) -> Result<(), Error> {
         let Some(pruning) = &self.config.prune else { return Ok(()) };
         let Setup { session, prepared, .. } = self.setup;
         let attrition = self.trainer.attrition().copied();
         if self.notes.prunes.is_empty() && attrition.is_none() {
-            let renders = self.output.renders();
+            let (renders, writing) = (self.output.renders(), Instant::now());
             self.shown(|evaluator, model| exhibits::dense(evaluator, model, prepared, &renders))?;
+            self.spent.write += writing.elapsed().as_secs_f64();
             if let Some(attrition) = pruning.attrition {
                 self.trainer.begin_attrition(attrition, pruning.survivors(self.trainer.trained()))?;
                 self.fine_tune();
                 return Ok(());
             }
         }
+        let evaluating = Instant::now();
         let frames = self.shown(|evaluator, model| evaluator.frames_per_second(model, prepared))?;
+        self.spent.curve += evaluating.elapsed().as_secs_f64();
         let next = || pruning.keep(self.notes.prunes.len(), steps, self.trainer.trained());
         let keep = attrition.map_or_else(next, |c| Keep::Count(c.survivors));
         let request = PruneRequest { compression: &pruning.compression, keep, seed: self.config.seed };
@@ -289,6 +323,7 @@ impl<'a> ActiveRun<'a> {
 
     /// A point of the quality curve, if there are held-out views: its PSNR.
     fn point(&mut self, iteration: u32) -> Result<Option<f64>, Error> {
+        let evaluating = Instant::now();
         let psnr = self.psnr()?;
         if let Some(psnr) = psnr {
             let train_psnr = self.train_psnr()?;
@@ -296,6 +331,7 @@ impl<'a> ActiveRun<'a> {
             let seconds = self.notes.seconds;
             self.notes.curve.push(CurvePoint { iteration, seconds, psnr, train_psnr, gaussians });
         }
+        self.spent.curve += evaluating.elapsed().as_secs_f64();
         Ok(psnr)
     }
 

@@ -20,8 +20,9 @@ pub fn pack(
 ) -> Result<(Vec<u8>, Option<f64>), Error> {
     let usual = target.usual(model);
     let ladder = target.ladder(model);
-    let rungs = ladder.coarse().map(formats::Precision::with_all_means);
-    let finer = rungs.skip_while(|rung| *rung != usual).filter(|rung| *rung != usual);
+    let rungs: Vec<_> = ladder.rungs.iter().map(|rung| rung.with_all_means()).collect();
+    let from = rungs.iter().position(|rung| *rung == usual).unwrap_or(rungs.len());
+    let finer = ladder.steps.iter().filter(|step| **step > from).map(|step| rungs[*step]).filter(|rung| *rung != usual);
     let mut measured = measure(session, model, style, target, usual)?;
     for rung in finer {
         if measured.1.is_none_or(|psnr| psnr >= FINE) {

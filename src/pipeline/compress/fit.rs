@@ -213,7 +213,7 @@ struct Files<'a> {
 }
 
 impl<'a> Files<'a> {
-    /// No file yet.
+    /// Starts without any file.
     fn new(
         model: &'a dyn Fn(usize) -> Gaussians,
         mode: RenderMode,
@@ -320,18 +320,21 @@ impl<'a> Fitter<'a> {
         let chosen = match found {
             Found::Best(point) => point,
             Found::TooSmall(least) => {
-                return Err(Error::Usage(format!(
-                    "the smallest {} file of this model has one Gaussian and {least} bytes; give --size {} or more",
-                    target.kind(),
-                    readable(least)
-                )));
+                let (kind, size) = (target.kind(), readable(least));
+                let why = if self.model.is_empty() {
+                    format!("this model is empty, and its {kind} file has {least} bytes")
+                } else {
+                    format!("the smallest {kind} file of this model has one Gaussian and {least} bytes")
+                };
+                return Err(Error::Usage(format!("{why}; give --size {size} or more")));
             }
         };
         let packed = files.take(chosen.rung, chosen.gaussians)?;
         let merged = self.sequence.pairs(self.model, &self.responses.scores, chosen.gaussians);
         let plan = prune::of_pairs(merged, self.responses, begun);
         let (precision, rungs) = (files.rungs[chosen.rung], files.rungs.len());
-        let record = AimRecord { aim, chosen, written: None, fine_tuning: None, precision, rungs, tried };
+        let (written, fine_tuning) = (None, None);
+        let record = AimRecord { aim, original: false, chosen, written, fine_tuning, precision, rungs, tried };
         Ok(Fitted { plan, packed, record })
     }
 }

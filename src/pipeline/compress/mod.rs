@@ -4,6 +4,7 @@ mod config;
 pub mod cost;
 pub mod fit;
 pub mod levels;
+mod original;
 pub mod remarks;
 pub(crate) mod scoring;
 pub mod stages;
@@ -13,12 +14,16 @@ pub(crate) mod views;
 
 pub use config::{CompressConfig, ViewSource};
 
-use super::prune::{self, PruneRequest};
+use super::prune::{self, PrunePlan, PruneRequest};
 use crate::gaussians::{Gaussians, formats};
+use crate::gpu::Device;
 use crate::job::records::{Aim, AimRecord, CompressRecord, CompressTimes, ModelFile, StageScores, Truth};
 use crate::job::{Error, Session};
 use crate::metrics::{self, Scores};
 use crate::qirf::select::Selector;
+use crate::qirf::select::budget::Keep;
+use crate::render::Source;
+use crate::response::Responses;
 use fit::{Fitted, Fitter, Judge, Target};
 use scoring::Scoring;
 use std::path::Path;
@@ -101,12 +106,14 @@ fn reduce(
         return Err(Error::Usage(what.to_owned()));
     }
     let Session { device, watcher, .. } = *session;
+    let original = original::fitting(&input, config, aim, target);
     let Input { path, model, read_s } = input;
     let input = ModelFile::of(path, &model);
     let mut time = CompressTimes { read_s, ..CompressTimes::default() };
 
+    let opening = Instant::now();
     let (views, shown) = Views::exposed(session, &model, config)?;
-    time.truth_s = seconds(begun);
+    time.truth_s = seconds(opening);
     let mut scoring = Scoring::new(session, &views, config);
     let before = if views.truth == Truth::Photos { scoring.scores(shown.source())? } else { Vec::new() };
 
@@ -116,16 +123,10 @@ fn reduce(
 
     // Pictures decide how finely a model is worth storing.
     let by_held_out = !matches!(aim, Some(Aim::Bytes(_)));
-    let judged = aim.is_some() || target.ladder(&model).steps.len() > 1;
+    let judged = original.is_none() && (aim.is_some() || target.ladder(&model).steps.len() > 1);
     let judge = judged.then(|| Judge::new(session, &views, shown.source(), by_held_out)).transpose()?;
-    let request = PruneRequest { compression: &config.compression, keep: config.compression.keep, seed: config.seed };
-    let (plan, fitted) = match aim.zip(judge.as_ref()) {
-        None => (prune::plan(device, shown.source(), &model, &responses, &request)?, None),
-        Some((aim, judge)) => {
-            let Fitted { plan, packed, record } = Fitter::new(judge, &model, &responses, config).fit(aim, target)?;
-            (plan, Some((packed, record)))
-        }
-    };
+    let file = (aim.zip(judge.as_ref()), original);
+    let (plan, fitted) = choose((device, shown.source()), &model, &responses, file, config, target)?;
     drop((shown, responses));
     watcher.unless_stopped()?;
     watcher.pruned(&model, config.style.mode(), &plan.diagnostics)?;
@@ -182,6 +183,28 @@ fn reduce(
     Ok(Reduced { record, model, packed })
 }
 
+/// A packed model, and the record of its choice.
+type Recorded = (Vec<u8>, AimRecord);
+
+/// Chooses the Gaussians: all of them for the original's own file; those of the best file that meets an aim, which is
+/// returned, too; or else as the configuration says.
+fn choose(
+    (device, source): (&Device, Source<'_>),
+    model: &Gaussians,
+    responses: &Responses,
+    (aim, original): (Option<(Aim, &Judge<'_>)>, Option<Recorded>),
+    config: &CompressConfig,
+    target: &Target<'_>,
+) -> Result<(PrunePlan, Option<Recorded>), Error> {
+    if let (Some((aim, judge)), None) = (aim, &original) {
+        let Fitted { plan, packed, record } = Fitter::new(judge, model, responses, config).fit(aim, target)?;
+        return Ok((plan, Some((packed, record))));
+    }
+    let keep = if original.is_some() { Keep::Count(model.len()) } else { config.compression.keep };
+    let request = PruneRequest { compression: &config.compression, keep, seed: config.seed };
+    Ok((prune::plan(device, source, model, responses, &request)?, original))
+}
+
 /// The bytes of a file in a format that is packed, its scores, and the search that found it.
 type PackedFile = (Option<Vec<u8>>, Vec<Scores>, Option<AimRecord>);
 
@@ -190,7 +213,7 @@ fn pack(
     scoring: &mut Scoring<'_>,
     judge: Option<&Judge<'_>>,
     (model, config): (&Gaussians, &CompressConfig),
-    fitted: Option<(Vec<u8>, AimRecord)>,
+    fitted: Option<Recorded>,
     target: &Target<'_>,
     unpacked: &[Scores],
 ) -> Result<PackedFile, Error> {

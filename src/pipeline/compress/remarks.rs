@@ -3,7 +3,7 @@
 use super::fit::megabytes;
 use crate::extension::has_extension;
 use crate::gaussians::formats;
-use crate::job::records::{Aim, CompressRecord, FineTuning};
+use crate::job::records::{Aim, CompressRecord, FineTuning, Truth};
 use crate::metrics::Scores;
 use std::path::Path;
 
@@ -11,6 +11,8 @@ use std::path::Path;
 const POOR: f64 = 40.0;
 /// Excess over the wanted PSNR, in dB, that is reported.
 const ABOVE: f64 = 0.1;
+/// Excess of a file's PSNR in the pictures that chose it over that in the held-out ones, in dB, that is reported.
+const APART: f64 = 2.0;
 /// Loss in dB by fine-tuning that is reported.
 const WORSE: f64 = 0.01;
 /// Loss in dB by packing alone that a compressed file does not need.
@@ -25,11 +27,15 @@ pub enum Remark {
     Warning(String),
 }
 
-/// Where a file has more or less than was requested, or lacks its fine-tuning; without a request, whether packing ruined it or
-/// fine-tuning made it worse.
+/// Remarks that a file has more or less than was requested, or lacks its fine-tuning; without a request, that packing
+/// ruined it or fine-tuning made it worse.
 pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
     let CompressRecord { aim, input, output, test, .. } = figures;
     let of_aim = match aim.as_ref().map(|aim| (aim.aim, aim.chosen.psnr)) {
+        Some((Aim::Bytes(size), _)) if aim.as_ref().is_some_and(|aim| aim.original) => Some(Remark::Note(format!(
+            "the input already has this format and at most {}: its own bytes were written",
+            megabytes(size as f64, 1)
+        ))),
         Some((Aim::Bytes(size), _)) if output.gaussians == input.gaussians && 20 * output.bytes < 19 * size => {
             let [own, size] = [output.bytes, size].map(|bytes| megabytes(bytes as f64, 1));
             let is_finest = aim.as_ref().is_some_and(|aim| aim.chosen.rung + 1 == aim.rungs);
@@ -42,12 +48,12 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
         }
         Some((Aim::Bytes(size), _))
             if output.gaussians < input.gaussians
-                && (1..size).contains(&input.bytes)
+                && (1..=size).contains(&input.bytes)
                 && !has_extension(&input.path, &["json", "gltf"]) =>
         // files with parts elsewhere
         {
             Some(Remark::Note(format!(
-                "the input holds all Gaussians in {}, fewer bytes than requested: this format needs more for each Gaussian",
+                "the input holds all Gaussians in {}, no more bytes than requested: this format needs more for each Gaussian",
                 megabytes(input.bytes as f64, 1)
             )))
         }
@@ -81,8 +87,27 @@ pub fn remarks(figures: &CompressRecord) -> Vec<Remark> {
     let ruined = packing.filter(|(before, written)| aim.is_none() && before - written > PACKED);
     let clipped = formats::clip_warning(&output.path, figures.clipped).into_iter();
     let clipped = clipped.chain(formats::size_warning(&output.path, figures.outsized)).map(Remark::Warning);
-    let notes = of_aim.into_iter().chain(left_out).chain(worse);
+    let notes = of_aim.into_iter().chain(few_views(figures)).chain(left_out).chain(worse);
     notes.chain(ruined.and_then(|(_, written)| poor(&output.path, written))).chain(clipped).collect()
+}
+
+/// The note that a file made for a size is much better in the pictures that chose it than in others.
+fn few_views(figures: &CompressRecord) -> Option<Remark> {
+    let CompressRecord { aim, output, protocol, test, .. } = figures;
+    let aim = aim.as_ref().filter(|aim| matches!(aim.aim, Aim::Bytes(_)))?;
+    // There are no more photos, and pages have no --views.
+    if protocol.truth == Truth::Photos || has_extension(&output.path, &["html"]) {
+        return None;
+    }
+    let written = test.written.as_ref()?.psnr.unwrap_or(f64::INFINITY);
+    let (chosen, held_out) = (aim.chosen.psnr?, aim.fine_tuning.map_or(written, |tuning| tuning.psnr_without));
+    (chosen - held_out > APART).then(|| {
+        let chosen = if chosen.is_finite() { format!("{chosen:.1} dB") } else { "no loss".to_owned() };
+        Remark::Note(format!(
+            "few views: the file has {chosen} in the pictures by which it was chosen, and {held_out:.1} dB in the \
+             held-out ones; give more --views"
+        ))
+    })
 }
 
 /// The warning of a poor copy, with the PSNR of its pictures.

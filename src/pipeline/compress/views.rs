@@ -142,7 +142,7 @@ impl Views {
         Ok((opened.cameras(), settings, DrawSource::new(session, model, place.whole)?))
     }
 
-    /// These needs with those of the compression's options.
+    /// Adds the needs of the compression's options to these.
     fn with_config(needs: CompressNeeds, model: &Gaussians, config: &CompressConfig) -> CompressNeeds {
         let (wanted, basis) = (config.compression.selector.reads(), config.compression.basis.clone());
         let CompressConfig { style, exposure, .. } = *config;

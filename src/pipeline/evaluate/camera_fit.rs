@@ -35,7 +35,7 @@ pub struct CameraFit<'a> {
     pub photo: &'a Photo,
     /// Its red, green and blue in [0, 1] over the background, row by row.
     pub truth: Vec<f32>,
-    /// What a mask lets count of each of these values, 0 to 1; none without a mask.
+    /// Share of each of these values that a mask lets count, 0 to 1; none without a mask.
     pub weights: Option<Vec<f32>>,
     /// Depth of each pixel along the camera's axis; infinite where the model shows nothing.
     pub depths: &'a [f32],

@@ -47,7 +47,7 @@ pub fn hide(rendered: &mut [f32], weights: Option<&[f32]>, background: [f32; 3])
     }
 }
 
-/// What a photo's mask lets count of each value of its picture, 0 to 1; none without a mask.
+/// Share of each value of its picture that a photo's mask lets count, 0 to 1; none without a mask.
 pub fn weights(view: &Photo) -> Result<Option<Vec<f32>>, Error> {
     if view.alpha_role != AlphaRole::Mask {
         return Ok(None);
@@ -112,7 +112,7 @@ struct Compared {
     /// Red, green, blue in [0, 1].
     rendered: Vec<f32>,
     photo: Vec<f32>,
-    /// What a mask lets count of each value.
+    /// Share of each value that a mask lets count, 0 to 1.
     weights: Option<Vec<f32>>,
 }
 
@@ -232,7 +232,7 @@ impl Evaluator {
     pub fn bytes(device: &Device, gaussians: usize, size: [u32; 2], style: Style) -> u64 {
         let uses = Uses { style, ..Uses::default() };
         let picture = u64::from(size[0]) * u64::from(size[1]) * 16;
-        Renderer::bytes(device, gaussians, size, pair_capacity::estimate(device, gaussians), uses)
+        Renderer::bytes(device, gaussians, size, pair_capacity::estimate(device, gaussians, size), uses)
             + staging_bytes(picture)
     }
 

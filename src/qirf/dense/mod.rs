@@ -2,7 +2,6 @@
 //!
 //! Matrices are column-major, lower triangle. An eigenvector's sign is fixed: see `turn`.
 
-#[cfg(feature = "faer")]
 mod faer;
 mod jacobi;
 #[cfg(all(feature = "lapack", target_os = "linux"))]
@@ -15,11 +14,8 @@ use std::fmt::Debug;
 pub const LIBRARIES: &[&dyn Library] = &[
     #[cfg(all(feature = "lapack", target_os = "linux"))]
     &lapack::Lapack,
-    #[cfg(feature = "faer")]
     &faer::Faer,
 ];
-
-const _: () = assert!(!LIBRARIES.is_empty(), "pruning needs the feature `faer`, or on Linux `lapack`");
 
 /// A component can fix the sign of its vector if it reaches this share of the largest one. With this value, unlike 1 or
 /// 1/sqrt 2, rounding alone makes no component of a symmetric problem cross the threshold.

@@ -79,7 +79,8 @@ impl Sequence {
 /// A pair in the queue: its cost as bits, which order like the cost, and its two numbers.
 type Entry = Reverse<(u32, u32, u32)>;
 
-/// Merged Gaussians get new numbers, so that a pair in the queue is valid as long as both of its numbers exist.
+/// The state of merging. Merged Gaussians get new numbers, so that a pair in the queue is valid as long as both of its
+/// numbers exist.
 struct Merging {
     /// By position; the footprint of a merged Gaussian takes the position of its first part.
     footprints: Vec<Footprint>,

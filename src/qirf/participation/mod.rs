@@ -28,7 +28,7 @@ named! {
         LowRank = "low-rank",
         /// The same in float32; the 8x8 part stays float64.
         LowRankF32 = "low-rank-f32",
-        /// All of it in float32 on the device; only participations and eigenvalues are read back ([`device`]).
+        /// The whole solution in float32 on the device; only participations and eigenvalues are read back ([`device`]).
         Device = "device",
     }
 }

@@ -1,12 +1,13 @@
 //! Photo, dense model, final model and error of a few held-out views.
 
 use crate::job::records::{RunRecord, ViewScores};
-use crate::pipeline::evaluate::exhibits::exhibits;
+use crate::pipeline::evaluate::exhibits::{Exhibit, exhibits};
 use crate::report::format::decimals;
 use crate::report::page::absent;
 use crate::report::picture::{data_uri, difference, read};
 use crate::report::slider::{Layer, Stack, compare};
 use maud::{Markup, html};
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Factor by which the error is magnified.
@@ -20,22 +21,21 @@ const ERROR: usize = 3;
 /// The pictures to show from the folder `renders`; missing ones are left out.
 pub fn stacks(results: &RunRecord, renders: &Path) -> Vec<Stack> {
     let names: Vec<&str> = results.views.iter().map(|v| v.name.as_str()).collect();
-    let mut out = Vec::new();
-    for exhibit in exhibits(&names) {
-        let [photo, last] = [&exhibit.photo, &exhibit.last].map(|file| read(&renders.join(file)));
-        // The folder may still contain a dense picture of an earlier run.
-        let dense = if results.prunes.is_empty() { None } else { read(&renders.join(&exhibit.dense)) };
-        let error = photo.as_ref().zip(last.as_ref()).and_then(|(a, b)| difference(a, b, GAIN));
-        let Some(size) = [&last, &photo, &dense].into_iter().flatten().next().map(|p| p.dimensions().into()) else {
-            continue;
-        };
-        let layers = [(PHOTO, photo), (DENSE, dense), (LAST, last), (ERROR, error)]
-            .into_iter()
-            .filter_map(|(choice, picture)| Some(Layer { choice, uri: data_uri(&picture?)? }))
-            .collect();
-        out.push(Stack { name: exhibit.name, note: note(&results.views[exhibit.view]), size, layers });
-    }
-    out
+    exhibits(&names).into_par_iter().filter_map(|exhibit| stack(exhibit, results, renders)).collect()
+}
+
+/// The pictures of one view; `None` if all are missing.
+fn stack(exhibit: Exhibit, results: &RunRecord, renders: &Path) -> Option<Stack> {
+    let [photo, last] = [&exhibit.photo, &exhibit.last].map(|file| read(&renders.join(file)));
+    // The folder may still contain a dense picture of an earlier run.
+    let dense = if results.prunes.is_empty() { None } else { read(&renders.join(&exhibit.dense)) };
+    let error = photo.as_ref().zip(last.as_ref()).and_then(|(a, b)| difference(a, b, GAIN));
+    let size = [&last, &photo, &dense].into_iter().flatten().next()?.dimensions().into();
+    let layers = [(PHOTO, photo), (DENSE, dense), (LAST, last), (ERROR, error)]
+        .into_par_iter()
+        .filter_map(|(choice, picture)| Some(Layer { choice, uri: data_uri(&picture?)? }))
+        .collect();
+    Some(Stack { name: exhibit.name, note: note(&results.views[exhibit.view]), size, layers })
 }
 
 fn note(view: &ViewScores) -> String {

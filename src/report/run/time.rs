@@ -11,12 +11,16 @@ pub fn body(results: &RunRecord) -> Markup {
     // The seconds of training include pruning and, in a resumed run, its earlier parts.
     let parts = [
         ("photos", t.load_s),
+        ("start", t.start_s),
         ("training", (t.train_s - t.prune_s).max(0.0)),
         ("pruning", t.prune_s),
+        ("quality curve", t.curve_s),
         ("evaluation", t.evaluate_s),
+        ("files", t.write_s),
+        ("pictures of this page", t.report_s),
     ];
     let known: f64 = parts.iter().map(|(_, s)| s).sum();
-    let rest = ("quality curve and other", (t.total_s - known).max(0.0));
+    let rest = ("other", (t.total_s - known).max(0.0));
     let whole: Vec<(&str, f64)> = parts.into_iter().chain([rest]).collect();
     let mut stages: Vec<(&str, f64)> = t.stages_s.iter().map(|(name, s)| (*name, *s)).collect();
     stages.sort_by(|a, b| b.1.total_cmp(&a.1));

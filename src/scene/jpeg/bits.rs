@@ -18,7 +18,7 @@ pub(super) struct Blocks<'a> {
 }
 
 impl<'a> Blocks<'a> {
-    /// Those of the scan whose data begin here.
+    /// The blocks of the scan whose data begin here.
     pub(super) fn new(data: &'a [u8], band: [u8; 2]) -> Self {
         Self { bits: Bits { data, at: 0, buffer: 0, held: 0 }, band, run: 0 }
     }

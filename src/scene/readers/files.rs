@@ -67,9 +67,10 @@ fn names_format(photo: &Path) -> bool {
     is_photo_name(photo) || unread_format(photo).is_some()
 }
 
-/// Of files with a photo's name and any extension, those that are most likely the photo: those with its own extension, in any case, else
-/// those in its format, else by [`rank`]. A picture that may be a mask or a depth map is it if the photo is listed without a format, or if
-/// no photo of its folder is there in another format than this picture's: `known` is the format of the first that is there.
+/// The files that are most likely the photo, among those with its name and any extension: those with its own extension,
+/// in any case, else those in its format, else by [`rank`]. A picture that may be a mask or a depth map is it if the
+/// photo is listed without a format, or if no photo of its folder is there in another format than this picture's:
+/// `known` is the format of the first that is there.
 pub(super) fn likeliest(photo: &Path, files: Vec<PathBuf>, known: Option<&str>) -> Vec<PathBuf> {
     let any = !names_format(photo);
     if files.len() < 2 && (any || known.is_none()) {
@@ -115,7 +116,7 @@ pub(super) fn folders_there<'a>(
     folders.into_iter().filter_map(|(folder, (_, format))| Some((folder.to_owned(), format?))).collect()
 }
 
-/// In place of a format: none may stand for the photo as a mask or a depth map.
+/// Stands in place of a format: no picture may stand for the photo as a mask or a depth map.
 pub(super) const STRICT: Option<&str> = Some("");
 
 /// True for a picture in greys or of a palette in a format without loss, such as a TIFF of floats, whose header announces nothing: it may
@@ -235,7 +236,12 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, Error> {
 
 /// Reads a whole text file in UTF-8, or in the UTF-16 that Windows writes, without its byte order mark.
 pub fn read_text(path: &Path) -> Result<String, Error> {
-    let mut bytes = read(path)?;
+    text_of(read(path)?).map_err(|(record, what)| Error::malformed(path, record, what))
+}
+
+/// The text of a file in UTF-8, or in the UTF-16 that Windows writes, without its byte order mark. An error is the place of the fault, and
+/// a sentence on it.
+pub fn text_of(mut bytes: Vec<u8>) -> Result<String, (String, &'static str)> {
     let unit: Option<fn([u8; 2]) -> u16> = match bytes.get(..2) {
         Some([0xff, 0xfe]) => Some(u16::from_le_bytes),
         Some([0xfe, 0xff]) => Some(u16::from_be_bytes),
@@ -258,11 +264,8 @@ pub fn read_text(path: &Path) -> Result<String, Error> {
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         let line = e.as_bytes()[..at].split(|byte| *byte == b'\n').count();
-        Error::malformed(
-            path,
-            format!("line {line} (byte {at})"),
-            "is not UTF-8 text: save the file as UTF-8, or is this another format under a text file's name?",
-        )
+        let what = "is not UTF-8 text: save the file as UTF-8, or is this another format under a text file's name?";
+        (format!("line {line} (byte {at})"), what)
     })
 }
 

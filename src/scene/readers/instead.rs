@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::files::{child, inside};
-use super::kinds::{self, ARCHIVES, VIDEOS};
+use super::kinds::{self, ARCHIVES, COMPRESSED, VIDEOS};
 use super::names::is_result;
 use super::tree::{PhotoTree, unread};
 use crate::extension::has_extension;
@@ -18,7 +18,10 @@ pub fn instead(path: &Path) -> Option<String> {
 }
 
 fn of_file(path: &Path) -> Option<String> {
-    if has_extension(path, &ARCHIVES) {
+    // A compressed tar is an archive.
+    if has_extension(path, &COMPRESSED) && !has_extension(&path.with_extension(""), &["tar"]) {
+        Some("it is compressed: unpack it and give the file in it".to_owned())
+    } else if has_extension(path, &ARCHIVES) {
         Some("it is an archive: unpack it and give its folder".to_owned())
     } else if has_extension(path, &kinds::UNSTITCHED) {
         Some(format!("it is {UNSTITCHED}"))

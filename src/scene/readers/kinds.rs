@@ -34,6 +34,9 @@ pub(super) const UNSTITCHED: [&str; 2] = ["insv", "360"];
 pub(super) const ARCHIVES: [&str; 12] =
     ["zip", "tar", "gz", "tgz", "bz2", "xz", "txz", "zst", "7z", "rar", "lz4", "r3d"];
 
+/// Extensions of archives that hold one file, which may be another archive.
+pub(super) const COMPRESSED: [&str; 5] = ["gz", "bz2", "xz", "zst", "lz4"];
+
 /// True if the path has a photo's extension.
 pub(super) fn is_photo_name(path: &Path) -> bool {
     has_extension(path, &EXTENSIONS)

@@ -18,9 +18,9 @@ pub(super) struct Lookup {
 
 #[derive(Default)]
 struct Files {
-    /// All lie in the folder itself.
+    /// True if all photos lie in the folder itself.
     flat: bool,
-    /// Some lie in images.
+    /// True if some photos lie in images.
     some_of_images: bool,
     /// Paths within the folder, by key.
     whole: HashMap<String, Vec<String>>,

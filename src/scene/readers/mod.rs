@@ -25,6 +25,7 @@ mod tree;
 #[cfg(feature = "pipeline")]
 pub(crate) use depths::unread_depth_map;
 pub use files::read_text;
+pub(crate) use files::text_of;
 pub use instead::{archive_in, instead};
 pub use kinds::is_video_name;
 pub use masks::masks_of;
@@ -41,7 +42,7 @@ use rayon::prelude::*;
 use self::place::{Place, Poses};
 use super::faces::{self, Cut};
 use super::lens::{Lens, LensModel, Pinhole, VISIBLE_DISPLACEMENT};
-use super::merge::merge_repeated;
+use super::merge::{merge_copies, merge_repeated};
 use super::near;
 use super::view::{FOLDED, View};
 use super::{Error, Names, OpenOptions, Point, Scene, SceneKind, Skipped};
@@ -143,13 +144,15 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     }
     let listed = points.len();
     let points = merge_repeated(points);
-    skipped.repeated_points = listed - points.len();
     skipped.notes.extend(notes::unseen(&views, &points));
     skipped.notes.extend(notes::outlying(&views));
     if options.pole_mask > 0.0 && views.iter().all(|view| view.face.is_none()) {
         skipped.notes.push("there are no panoramas and no wide fisheyes: --pole-mask masks nothing".to_owned());
     }
     let size = near::size(&views, &points);
+    // After the size: a capture has the same near plane and origin whether it is trained on or drawn.
+    let points = if options.check { merge_copies(points) } else { points };
+    skipped.repeated_points = listed - points.len();
     let (near, origin) = (near::near(size), DVec3::ZERO);
     let Listing { kind, root, .. } = listing;
     Ok(Scene { kind, root, source, views, points, skipped, near, unit: 1.0, origin }.move_near(size))

@@ -4,11 +4,12 @@ use crate::extension::{folder_of, has_extension};
 use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
-use super::files::{child, inside, subfolders};
+use super::files::{child, inside, photo_size, subfolders};
 use super::foreign::{self, SUBFOLDERS};
 use super::instead::{archive_in, instead};
 use super::tree::{PhotoTree, unread};
 use super::{colmap, photo_folder};
+use crate::scene::view::is_panorama;
 use crate::scene::{Error, OpenOptions};
 
 /// The places where [`find`] looks, in this order.
@@ -75,14 +76,18 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
     }
 }
 
-/// An error of [`find`] that also tells of an archive that may hold poses, and of photos that are not read.
+/// An error of [`find`] that also tells of an archive that may hold poses, of photos that are not read, and of those that may be panoramas.
 pub(super) fn told(error: Error) -> Error {
     let Error::NoPoses { root, images, photos, beside } = error else { return error };
     let packed = archive_in(&root).filter(|_| beside.is_empty());
     let packed = packed.map(|zip| format!("; if {} holds some, unpack it", zip.display())).unwrap_or_default();
-    let unread = unread(&PhotoTree::with_twins(&images).unread);
-    let unread = unread.map(|unread| format!("; {unread}")).unwrap_or_default();
-    Error::NoPoses { root, images, photos, beside: beside + &packed + &unread }
+    let tree = PhotoTree::with_twins(&images);
+    let unread = unread(&tree.unread).map(|unread| format!("; {unread}")).unwrap_or_default();
+    let mut sizes = tree.names.iter().filter_map(|name| photo_size(&images.join(name))).peekable();
+    let are_panoramas = sizes.peek().is_some() && sizes.all(is_panorama);
+    let hint = "; all photos are twice as wide as high: for panoramas (360°), use `run` or `pose` with --panoramas";
+    let hint = if are_panoramas { hint } else { "" };
+    Error::NoPoses { root, images, photos, beside: beside + &packed + &unread + hint }
 }
 
 /// True for the path of a COLMAP model's file.

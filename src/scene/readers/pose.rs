@@ -20,10 +20,12 @@ pub(super) fn from_quaternion([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> 
     usable.then(|| (DMat3::from_quat(q.normalize()), translation))
 }
 
-/// The rows of a matrix, of which there are at least three; they may also be given one after another. NaN stands for what
-/// is no number.
+/// The rows of a matrix, of which there are at least three; they may also be given one after another. Numbers may be strings, and NaN
+/// stands for what is no finite number.
 pub(in crate::scene) fn rows(matrix: &Value) -> Option<Vec<Vec<f64>>> {
-    let numbers = |list: &Vec<Value>| list.iter().map(|v| v.as_f64().unwrap_or(f64::NAN)).collect::<Vec<f64>>();
+    let parsed = |v: &Value| v.as_str()?.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+    let number = |v: &Value| v.as_f64().or_else(|| parsed(v)).unwrap_or(f64::NAN);
+    let numbers = |list: &Vec<Value>| list.iter().map(number).collect::<Vec<f64>>();
     let list = matrix.as_array()?;
     let rows: Vec<Vec<f64>> = match list.len() {
         12 | 16 => numbers(list).chunks(4).map(<[f64]>::to_vec).collect(),
@@ -77,4 +79,17 @@ pub(in crate::scene) fn from_opengl_skewed(rows: &[Vec<f64>], most: f64) -> Opti
     let up = back.cross(right);
     let rotation = DMat3::from_cols(right, -up, -back).transpose();
     Some((rotation, -(rotation * centre)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strings_are_numbers_if_they_are_finite() {
+        let matrix = serde_json::json!([["inf", "1", " 2e0 ", 3], [0, 0, 0, 0], ["-Infinity", "NaN", "x", 4]]);
+        let rows = rows(&matrix).unwrap();
+        assert!(rows[0][0].is_nan() && rows[2][..3].iter().all(|v| v.is_nan()));
+        assert_eq!(rows[0][1..], [1.0, 2.0, 3.0]);
+    }
 }

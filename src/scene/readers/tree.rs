@@ -1,6 +1,6 @@
 //! Photos of a folder whose poses are not known, without the files and folders that only look like photos.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -9,6 +9,7 @@ use super::kinds::{is_photo_name, spelt_usually, unread_format};
 use super::names::{COPY_WORDS, Named, SEPARATORS, WORDS, belongs_to, is_scene, key, last};
 use crate::extension::folder_of;
 use crate::scene::Names;
+use crate::scene::image_file::{holds_floats, is_grey, is_indexed};
 use crate::wording::counted;
 
 /// Names, in lower case, of folders of small copies, which cameras and servers write.
@@ -23,7 +24,7 @@ pub struct PhotoTree {
     pub names: Vec<String>,
     /// Subfolders that were left out, likewise; hidden ones and masks are not told.
     pub left_out: Vec<String>,
-    /// Files beside photos that are their masks, maps or small copies, likewise.
+    /// Files beside photos that are their masks, maps or small copies, or grey and named like them, likewise.
     pub aside: Vec<String>,
     /// Files that share a photo's name, in another format, likewise.
     pub twins: Vec<String>,
@@ -37,6 +38,7 @@ impl PhotoTree {
     /// such folder.
     pub fn of(folder: &Path) -> Self {
         let mut tree = Self::with_twins(folder);
+        tree.part_maps(folder);
         tree.part_twins(folder);
         tree
     }
@@ -107,6 +109,29 @@ impl PhotoTree {
             let to = if is_aside { &mut self.aside } else { &mut self.names };
             to.push(file);
         }
+    }
+
+    /// Sets aside pictures that may be masks or maps, as their headers tell, and are called like a photo in colour in their folder, with one
+    /// more word, whatever it is: a_alpha.png beside a.jpg. Numbers are no words.
+    fn part_maps(&mut self, root: &Path) {
+        let mut named: HashMap<String, Vec<PathBuf>> = HashMap::new();
+        for name in &self.names {
+            named.entry(key(name)).or_default().push(root.join(name));
+        }
+        let is_colour = |photo: &PathBuf| !may_be_map(photo) && is_grey(photo) == Some(false);
+        // Of a TIFF of grey floats, `is_grey` tells no more than of a damaged one.
+        let tells = |file: &Path| is_grey(file) == Some(true) || is_indexed(file) || holds_floats(file);
+        let is_plain = |file: &Path| may_be_map(file) && tells(file);
+        let is_map = |name: &&String| {
+            let key = key(name);
+            let Some((photo, word)) = key.rsplit_once(SEPARATORS) else { return false };
+            let photos = named.get(photo).filter(|_| !word.is_empty() && word.chars().all(char::is_alphabetic));
+            photos.is_some_and(|photos| is_plain(&root.join(name)) && photos.iter().any(is_colour))
+        };
+        let maps: BTreeSet<String> = self.names.iter().filter(is_map).cloned().collect();
+        self.names.retain(|name| !maps.contains(name));
+        self.aside.extend(maps);
+        self.aside.sort();
     }
 
     /// Keeps one of the photos of one name and size, by [`rank`]. a.jpg.png is another of a.jpg.
@@ -191,7 +216,8 @@ impl PhotoTree {
             }
             (some.count > 0).then(|| format!("{} {what} ({some})", counted(some.count, "file")))
         };
-        let aside = told(&self.aside, "set aside as masks, maps or small copies of photos");
+        let what = "set aside as masks, maps, small copies of photos, or grey or palette pictures named like a photo in colour";
+        let aside = told(&self.aside, what);
         let twins = told(&self.twins, "not used, because photos in another format have their names");
         aside.into_iter().chain(twins).chain(unread(&self.unread)).collect()
     }

@@ -5,10 +5,10 @@ use super::members::with_tail;
 use super::run::BlockRun;
 use crate::gaussians::Gaussians;
 use crate::job::records::PruneRecord;
-use crate::job::{Error, Output, RunConfig, Session, Silent};
+use crate::job::{Error, Init, Output, RunConfig, Session, Silent};
 use crate::pipeline::budget;
 use crate::pipeline::checkpoint::{Checkpoint, RunNotes};
-use crate::pipeline::prepare::Prepared;
+use crate::pipeline::prepare::{Prepared, open_to_train};
 use crate::pipeline::setup::Setup;
 use crate::pipeline::start::Start;
 use crate::render::visible;
@@ -29,7 +29,11 @@ impl BlockRun {
         output: &Output,
     ) -> Result<Setup<'a>, Error> {
         let begun = Instant::now();
-        let opened = self.opened()?;
+        let opened = match self.config.init {
+            // Without near copies, as the plan counts them.
+            Init::Points => open_to_train(&self.selection())?.only(&self.photos)?,
+            Init::Random | Init::Model(_) => self.opened()?,
+        };
         let every: Vec<usize> = (0..opened.scene.views.len()).collect();
         let (extent, centre) = (opened.scene.extent(&every), opened.scene.centre(&every));
         let names: Vec<String> = block.crops.iter().map(|crop| self.photos[crop.view].clone()).collect();
@@ -53,6 +57,7 @@ impl BlockRun {
             begun,
             earlier_s: 0.0,
             load_s: begun.elapsed().as_secs_f64(),
+            start_s: 0.0,
             config,
         })
     }

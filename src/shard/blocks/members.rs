@@ -22,8 +22,8 @@ fn trained(snapshot: &Snapshot) -> Range<usize> {
     0..snapshot.model.len() - snapshot.tail
 }
 
-/// These rows of a state with their moments. The tail, exposures and a method's arrays are dropped; growth and averaged
-/// responses restart.
+/// Selects these rows of a state with their moments. The tail, exposures and a method's arrays are dropped; growth and
+/// averaged responses restart.
 ///
 /// # Panics
 /// If a row belongs to the tail.

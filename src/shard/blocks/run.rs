@@ -201,8 +201,8 @@ impl BlockRun {
         Ok(Layout { exposures: exposures.clone(), ..Layout::new(cells, coarse, &weights, &cameras, &seen) })
     }
 
-    /// Block number `b` up to the prune, with the coarse model in place of the other blocks: its own Gaussians with
-    /// their moments. It continues from the checkpoint in `output`, if there is one.
+    /// Trains block number `b` up to the prune, with the coarse model in place of the other blocks, and returns its own
+    /// Gaussians with their moments. It continues from the checkpoint in `output`, if there is one.
     pub fn dense(
         &self,
         session: &Session<'_>,

@@ -80,6 +80,7 @@ pub struct Trainer {
     host_check: HostCheck,
     /// Work between stretches, which runs while the next one is recorded.
     between: VecDeque<Ticket>,
+    is_whole: bool,
     timings: Timings,
 }
 
@@ -151,6 +152,7 @@ impl Trainer {
             order: (u32::MAX, Vec::new()),
             host_check: HostCheck::new(device)?,
             between: VecDeque::new(),
+            is_whole: true,
             timings: Timings::default(),
         })
     }
@@ -212,13 +214,14 @@ impl Trainer {
     ///
     /// # Errors
     /// Device memory; device errors; photos that cannot be read. Some steps of the stretch may have changed the model by
-    /// then: training continues from a snapshot, not from here.
+    /// then: training continues from a snapshot, not from here. See [`Trainer::is_whole`].
     pub fn advance(&mut self, until: u32) -> Result<Progress> {
         let first = self.iteration;
         if until <= first {
             // Density control has already acted after this iteration, and must not act twice.
             return Ok(self.progress());
         }
+        self.is_whole = false;
         self.raise_degree(first + 1)?;
         let averages = self.options.averaged.contains(&(first + 1));
         if averages {
@@ -255,6 +258,7 @@ impl Trainer {
         self.skipped_rows += u64::from(seen.counts.skipped_rows);
         // Without Gaussians no kernel runs to count passes.
         self.iteration = if self.training.model.len == 0 { last } else { first + seen.counts.passes };
+        self.is_whole = self.iteration < last;
         if self.renderer.make_room_for_pairs(seen.pairs)? {
             tracing::debug!("{} pairs did not fit: iterations from {} are repeated", seen.pairs, self.iteration + 1);
         }
@@ -265,7 +269,14 @@ impl Trainer {
             self.last_loss = Loss::value_of(seen.sums, [width, height], self.objective.weights);
             self.after(last)?;
         }
+        self.is_whole = true;
         Ok(self.progress())
+    }
+
+    /// True if the state is that after a whole iteration, even where the last [`Trainer::advance`] failed: a snapshot of it is
+    /// then sound. A prune that failed does not change it.
+    pub fn is_whole(&self) -> bool {
+        self.is_whole
     }
 
     fn progress(&self) -> Progress {

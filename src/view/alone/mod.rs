@@ -47,7 +47,7 @@ pub struct PageOptions {
     pub near: Option<f32>,
     /// A picture from that camera, as a `data:` URI, shown until the model is drawn.
     pub poster: Option<String>,
-    /// What the page says about the model; by default its number of Gaussians.
+    /// Text on the page about the model; by default its number of Gaussians.
     pub facts: Option<String>,
 }
 
@@ -115,9 +115,11 @@ impl Shell {
             .as_ref()
             .map_or_else(String::new, |uri| format!("<img id=\"poster\" src=\"{}\" alt=\"\">", escaped(uri)));
         let title = if options.title.trim().is_empty() { "Model" } else { options.title.as_str() };
+        let [red, green, blue] = options.background.map(|part| (255.0 * part).round());
         let parts = [
             ("title", &*escaped(title)),
             ("style", include_str!("page.css")),
+            ("background", &format!("rgb({red}, {green}, {blue})")),
             ("poster", &poster),
             ("scene", &scene(model, options).to_string().replace('<', "\\u003c")),
             ("worker", include_str!("worker.js")),
@@ -204,6 +206,7 @@ mod tests {
             assert!(!page.contains(left), "{left}");
         }
         assert!(!page.contains("\nimport ") && !page.contains("\nexport ") && !page.contains("://"));
+        assert!(page.contains("<body style=\"background: rgb(0, 0, 0)\">"));
         assert!(page.contains("\"dilation\":0.1") && page.contains("\"antialiased\":true"));
     }
 }

@@ -7,7 +7,7 @@ precision highp usampler2D;
 uniform usampler2D splats, bands;
 uniform mat3 rotation;  // from the file's axes to the camera's
 uniform vec3 centre;    // of the camera, in the file's axes
-uniform vec2 size, limit;
+uniform vec2 size, limit, shift; // shift: the principal point from the picture's middle, in pixels
 uniform float focal, near, dilation;
 uniform bool antialiased;
 uniform int degree, texels, width_bits;
@@ -17,6 +17,8 @@ layout(location = 0) in uint index;
 out vec2 place;      // in units in which density falls by 2^-(place . place)
 flat out vec4 paint; // colour, and log2 of opacity
 
+// The ratio FIELD_BEYOND / FIELD_MARGIN of the renderer's kernels.
+const float BEYOND = 1.2 / 1.3;
 const float ROOT_HALF = 0.7071067811865476, LOG2_E = 1.4426950408889634;
 const float SH_C0 = 0.28209479177387814, SH_C1 = 0.4886025119029199;
 const float XY = 1.0925484305920792, ZZ = 0.31539156525252005, XX = 0.5462742152960396;
@@ -83,7 +85,8 @@ void main() {
   vec3 t = rotation * offset;
   if (t.z <= near) return;
 
-  vec2 slope = clamp(t.xy / t.z, -limit, limit);
+  vec2 middle = -shift / focal;
+  vec2 slope = clamp(t.xy / t.z, min(-limit, middle - BEYOND * limit), max(limit, middle + BEYOND * limit));
   mat3 axes = rotation * turn(quaternion(first.w));
   vec3 scale = exp(bytes(second.y) / 16.0 - 10.0);
   float f = focal / t.z;
@@ -102,7 +105,7 @@ void main() {
 
   float root = sqrt(0.5 * LOG2_E), along = root * sqrt(c / det);
   vec3 k = vec3(along, -(b / c) * along, root / sqrt(c));
-  vec2 mean = f * t.xy;
+  vec2 mean = f * t.xy + shift;
   // The parallelogram round the ellipse at which alpha falls to 1/255.
   vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
   place = corner * sqrt(cut);

@@ -113,6 +113,7 @@ function draw() {
   gl.uniform2f(at("size"), width, height);
   gl.uniform2f(at("limit"), (1.3 * 0.5 * width) / focal, (1.3 * 0.5 * height) / focal);
   gl.uniform1f(at("focal"), focal);
+  gl.uniform2fv(at("shift"), state.camera.shift.map((part) => part * height));
   gl.uniform1f(at("near"), state.near);
   gl.uniform1f(at("dilation"), scene.dilation);
   gl.uniform1i(at("antialiased"), scene.antialiased ? 1 : 0);
@@ -174,7 +175,7 @@ function tick(now) {
     if (!state.moved) home();
     state.drawn = false;
   }
-  const { position, rotation } = state.camera, pose = `${position} ${rotation}`;
+  const { position, rotation, shift } = state.camera, pose = `${position} ${rotation} ${shift}`;
   if (pose !== state.pose) [state.pose, state.drawn] = [pose, false];
   ask();
   if (!state.drawn && state.ready && !gl.isContextLost()) {
@@ -197,7 +198,7 @@ function framing(aspect) {
   return [1, 2].map((k) => low[k] + share * (high[k] - low[k]));
 }
 
-/** Puts the camera at a place: `position`, `rotation` (w, x, y, z), `fov` in radians. */
+/** Puts the camera at a place: `position`, `rotation` (w, x, y, z), `fov` in radians, and `shift` (0, 0 without one). */
 state.place = (pose, aim) => {
   state.camera = new Camera(pose, aim ?? scene.centre, scene.up, state.reach);
   state.near = scene.near ?? Math.min(NEAR[1], NEAR[0] * state.reach);
@@ -285,7 +286,6 @@ function listen() {
 // --- Beginning -----------------------------------------------------------------------------------------------------------
 
 function begin() {
-  document.body.style.background = `rgb(${scene.background.map((c) => Math.round(255 * c))})`;
   if (!gl) return say("this browser has no WebGL 2, which this page needs");
   // The widest textures whose width is a power of two hold the most.
   state.widthBits = 31 - Math.clz32(gl.getParameter(gl.MAX_TEXTURE_SIZE));

@@ -26,7 +26,8 @@ fn left_out_as_the_twin_has_it() {
     renderer.record_lists(&mut recording, &training.model, &camera);
     dropout::record(&mut recording, &renderer, (&training.model, &camera), KEY, share);
     renderer.record_blending(&mut recording, &camera);
-    renderer.record_backward(&mut recording, &training.model, &camera, &gradient, Backward::default());
+    let backward = Backward { growth: Some(&training.growth), ..Backward::default() };
+    renderer.record_backward(&mut recording, &training.model, &camera, &gradient, backward);
     device.run(recording).unwrap();
     let picture = renderer.image().read_first(&device, 45 * 37).unwrap();
     let rows = renderer.gradient_rows().values.read(&device).unwrap();
@@ -35,6 +36,9 @@ fn left_out_as_the_twin_has_it() {
     let moved = |i: usize| rows[i * ROW as usize..][..=ROW_LOGIT as usize].iter().any(|g| *g != 0.0);
     assert!((0..model.len()).all(|i| !out[i] || !moved(i)));
     assert!((0..model.len()).filter(|i| moved(*i)).count() > 5 && out.iter().filter(|o| **o).count() > 5);
+    // Views that showed it: what is left out was not seen.
+    let seen: Vec<bool> = training.growth.read(&device).unwrap().iter().map(|[_, views]| *views > 0.0).collect();
+    assert!((0..model.len()).all(|i| !(out[i] && seen[i]) && (seen[i] || !moved(i))));
 
     let kept: Vec<usize> = (0..model.len()).filter(|i| !out[*i]).collect();
     let mut alone = model.select(&kept);

@@ -36,7 +36,7 @@ pub fn kernel_and_twin(device: &Device) {
         .collect();
     let by_image: Vec<[f64; 3]> = weights.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
     let by = reference::gradients(&params, &camera, &reference::Settings::default(), &by_image, None).params;
-    let right = twin::gradient(&params, &by, camera.centre());
+    let right = twin::gradient(&params, &by, camera.centre(), 3);
 
     let photo = || Photo::opaque(camera.clone(), vec![0; 4 * 40 * 30]);
     let poses = Poses::new(device, &[photo(), photo()]).unwrap();

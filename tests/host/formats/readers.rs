@@ -270,6 +270,12 @@ fn sog_versions_agree_and_so_do_folder_and_bundle() {
     )
     .unwrap();
     assert_eq!(in_folder, formats::read(&folder.path().join("meta.json")).unwrap());
+    // As Windows writes text, with a version as a string and a count as a float.
+    let changed = meta.replace("\"version\":2", "\"version\":\"2\"").replace("\"count\":50", "\"count\":50.0");
+    assert_ne!(changed, meta);
+    let wide: Vec<u8> = format!("\u{feff}{changed}").encode_utf16().flat_map(u16::to_le_bytes).collect();
+    std::fs::write(folder.path().join("meta.json"), wide).unwrap();
+    assert_eq!(in_folder, formats::read(folder.path()).unwrap());
     let two = read(&make::sog(50, 2), "m.sog").unwrap();
     assert_eq!(two, in_folder);
     let m = &two.gaussians;
@@ -328,6 +334,9 @@ fn hostile_bundles_are_refused() {
     }
     refused("claimed, more than", &|files| files[0].1 = text("\"count\":50", "\"count\":1000000000"));
     refused("claimed, more than", &|files| files[0].1 = text("\"count\":50", "\"count\":18446744073709551615"));
+    refused("1e+300 Gaussians claimed", &|files| files[0].1 = text("\"count\":50", "\"count\":1e300"));
+    refused("is a number of Gaussians", &|files| files[0].1 = text("\"count\":50", "\"count\":49.5"));
+    refused("SOG version two;", &|files| files[0].1 = text("\"version\":2", "\"version\":\"two\""));
     refused("texels for 65 Gaussians", &|files| files[0].1 = text("\"count\":50", "\"count\":65"));
     for path in ["../quats.webp", "/quats.webp", "a/../../quats.webp", ".."] {
         refused("leaves the folder", &|files| files[0].1 = text("\"quats.webp\"", &format!("\"{path}\"")));

@@ -320,15 +320,31 @@ fn hostile_layers_are_refused() {
     }
 }
 
+/// A package of one layer with this name.
+fn packed(name: &str, method: zip::CompressionMethod) -> Vec<u8> {
+    let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    archive.start_file(name, zip::write::SimpleFileOptions::default().compression_method(method)).unwrap();
+    archive.write_all(OTHER.as_bytes()).unwrap();
+    archive.finish().unwrap().into_inner()
+}
+
+#[test]
+fn packages_whose_layer_lies_elsewhere_are_refused() {
+    let stored = |name: &str| read(&packed(name, zip::CompressionMethod::Stored), "m.usdz");
+    for name in ["./0/a..b.usda", "a\\b.usda"] {
+        assert!(stored(name).is_ok(), "{name}");
+    }
+    for name in ["../../splat.usda", "a/../../b.usda", "/a.usda", "..\\a.usda", "\\a.usda", "C:a.usda", "c:/a.usda"] {
+        let fault = stored(name).unwrap_err().to_string();
+        let shown = format!("`{}`", name.replace('\\', "\\\\"));
+        assert!(fault.contains("m.usdz") && fault.contains(&shown), "{name}: {fault}");
+    }
+}
+
 #[test]
 fn packages_with_compressed_files_are_refused() {
     for method in [zip::CompressionMethod::Deflated, zip::CompressionMethod::Stored] {
-        let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
-        let options = zip::write::SimpleFileOptions::default().compression_method(method);
-        archive.start_file("../../a.usda", options).unwrap();
-        archive.write_all(OTHER.as_bytes()).unwrap();
-        let bytes = archive.finish().unwrap().into_inner();
-        // Names are never used as paths.
+        let bytes = packed("a.usda", method);
         assert_eq!(read(&bytes, "m.usdz").is_ok(), method == zip::CompressionMethod::Stored);
         let mut damaged = bytes;
         let at = damaged.windows(5).position(|w| w == b"#usda");

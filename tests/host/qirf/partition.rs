@@ -141,14 +141,3 @@ proptest! {
         check(&positions, Partition::Paper { voxel, cap: most });
     }
 }
-
-#[test]
-#[ignore = "a timing"]
-fn a_million_gaussians() {
-    let positions = shell(1_000_000);
-    for rule in [Partition::PAPER, Partition::ADAPTIVE] {
-        let start = std::time::Instant::now();
-        let made = rule.of(&positions);
-        println!("{rule:?}: {} blocks, voxel {}, {:?}", made.blocks.len(), made.voxel, start.elapsed());
-    }
-}

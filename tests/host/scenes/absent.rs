@@ -87,7 +87,7 @@ fn photos_are_found_beside_masks_maps_and_copies() {
 }
 
 /// A TIFF of floats, 64 x 48, as of a depth map.
-fn floats() -> Vec<u8> {
+pub fn floats() -> Vec<u8> {
     let mut file = Cursor::new(Vec::new());
     let mut encoder = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
     encoder.write_image::<tiff::encoder::colortype::Gray32Float>(64, 48, &[0.5_f32; 64 * 48]).unwrap();

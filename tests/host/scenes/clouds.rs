@@ -3,7 +3,8 @@
 use std::fs;
 
 use super::dialects::{capture, notes, open};
-use crate::support::files::writers::{transforms, write, written};
+use crate::support::files::writers::{Model, transforms, write, written};
+use qirf_vk::scene::{OpenOptions, Scene};
 
 const NAMES: [&str; 2] = ["a.png", "b.png"];
 
@@ -54,4 +55,21 @@ fn normals_of_clouds_are_read() {
     write(scene.path(), [("points3D.ply", rows.into_bytes())]);
     let normals: Vec<_> = open(scene.path()).points.iter().map(|point| point.normal).collect();
     assert_eq!(normals, [None, None, Some(glam::DVec3::NEG_Z)]);
+}
+
+/// The near plane stays, as pictures depend on it.
+#[test]
+fn near_copies_of_points_go_where_a_scene_is_trained_on() {
+    let mut model = Model::sample();
+    let mut copies = model.points.clone();
+    for (position, ..) in &mut copies {
+        position[0] += 0.01;
+    }
+    model.points.append(&mut copies);
+    let scene = written(model.binary());
+    let opened = |check| Scene::open(scene.path(), &OpenOptions { check, ..OpenOptions::default() }).unwrap();
+    let (drawn, trained) = (opened(false), opened(true));
+    let counts = |scene: &Scene| [scene.points.len(), scene.skipped.repeated_points];
+    assert_eq!([counts(&drawn), counts(&trained)], [[80, 0], [40, 40]]);
+    assert_eq!((drawn.near, drawn.origin), (trained.near, trained.origin));
 }

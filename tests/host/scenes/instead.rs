@@ -28,6 +28,7 @@ fn photos_videos_and_archives_are_told_with_their_remedy() {
         ("cap.tar.gz", "it is an archive: unpack it and give its folder"),
         ("images.zip", "it is an archive: unpack it and give its folder"),
         ("scan.r3d", "it is an archive: unpack it and give its folder"),
+        ("m.ply.bz2", "it is compressed: unpack it and give the file in it"),
         ("a.mov", "it is a video, without poses"),
         ("a.360", "it is a 360° camera's own file"),
         ("a.gif", "it is a GIF, which is not read; if it is a video, convert it by `ffmpeg -i '"),
@@ -150,6 +151,15 @@ fn scenes_that_lie_too_deep_and_packed_ones_are_named() {
 }
 
 #[test]
+fn photos_that_may_be_panoramas_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    picture(&folder.path().join("a.jpg"), 64, 32);
+    assert!(refused(folder.path()).ends_with("for panoramas (360°), use `run` or `pose` with --panoramas"));
+    picture(&folder.path().join("b.jpg"), 64, 48);
+    assert!(!refused(folder.path()).contains("panoramas"));
+}
+
+#[test]
 fn a_transforms_file_of_another_name_is_named() {
     let folder = written([("transforms_colmap.json", transforms(TOP, &["images/a.png"]))]);
     let file = folder.path().join("transforms_colmap.json");
@@ -184,6 +194,12 @@ fn a_list_of_held_out_photos_is_used() {
     let scene = open(capture.path());
     assert_eq!(scene.views.iter().map(|v| v.role).collect::<Vec<_>>(), [Role::Train, Role::Test, Role::Train]);
     assert!(notes(&scene).contains("1 photo held out, as "), "{}", notes(&scene));
+    // The capture's own counts where the model has none.
+    fs::rename(capture.path().join("sparse/0/test.txt"), capture.path().join("test.txt")).unwrap();
+    assert_eq!(open(capture.path()).split(8).test, [1]);
+    write(capture.path(), [("test.txt", b"c.png\na.png\nb\n".to_vec())]);
+    assert!(open(capture.path()).views.iter().all(|view| view.role == Role::Unsaid));
+    assert!(notes(&open(capture.path())).contains("test.txt names all photos"));
     write(&capture.path().join("sparse/0"), [("test.txt", b"x.png\n".to_vec())]);
     assert!(open(capture.path()).views.iter().all(|view| view.role == Role::Unsaid));
     assert!(notes(&open(capture.path())).contains("names no photo"));

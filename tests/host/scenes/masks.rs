@@ -1,10 +1,12 @@
 //! Masks: how they are found, which are used, and what lies under them where photos are resampled.
 
+use super::absent::floats;
 use super::dialects::{NAMES, capture, notes, open};
+use super::traps::grey;
 use crate::support::files::writers::{Model, picture, write};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use qirf_vk::scene::lens::LensModel;
-use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, Resize, Scene};
+use qirf_vk::scene::{AlphaRole, LoadOptions, OpenOptions, PhotoTree, Resize, Scene};
 use std::path::Path;
 
 /// A photo of one colour on the left through a lens, with this colour under the mask on its right.
@@ -80,6 +82,27 @@ fn masks_are_found_under_the_names_that_tools_give_them() {
     let scene = capture(&NAMES, &NAMES);
     picture(&scene.path().join("masks/other.png"), 64, 48);
     assert!(notes(&open(scene.path())).contains("holds 1 file such as other.png, none with a photo's name"));
+}
+
+/// Whatever the word is that they have beside the name of a photo in colour; numbers are no words, and grey photos have no masks. A file
+/// that cannot be read is told of later.
+#[test]
+fn grey_pictures_called_like_a_photo_in_colour_are_none() {
+    let folder = tempfile::tempdir().unwrap();
+    for photo in ["a.jpg", "IMG.jpg", "IMG_0001.jpg"] {
+        picture(&folder.path().join(photo), 8, 6);
+    }
+    for file in ["a_matte.png", "a_0001.png", "b.png", "b_left.png"] {
+        grey(&folder.path().join(file), |_| [9, 255]);
+    }
+    write(folder.path(), [("a_height.tif", floats()), ("a_torn.tif", b"II*\0".to_vec())]);
+    let tree = PhotoTree::of(folder.path());
+    assert_eq!(tree.names, ["IMG.jpg", "IMG_0001.jpg", "a.jpg", "a_0001.png", "a_torn.tif", "b.png", "b_left.png"]);
+    assert_eq!(tree.aside, ["a_height.tif", "a_matte.png"]);
+    assert!(
+        tree.notes()[0]
+            .contains("or grey or palette pictures named like a photo in colour (a_height.tif, a_matte.png)")
+    );
 }
 
 #[test]

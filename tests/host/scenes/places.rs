@@ -43,6 +43,7 @@ fn transforms_of_many_hands_mean_the_same() {
         ("UTF-16", wide),
         ("UTF-16, the other way round", big),
         ("matrices in one list", flat.into_bytes()),
+        ("matrices of strings", text(&plain, "[0,1,0,0],[0,0,1,4]", r#"["0","1.0","0","0e0"],["0","0"," 1 ","4"]"#)),
         ("matrices of three rows", text(&plain, ",[0,0,0,1]", "")),
         ("a rolling shutter", text(&plain, "transform_matrix", "transform_matrix_start")),
         ("escaped names", text(&plain, "images/a", "imag%65s/%61")),

@@ -60,6 +60,11 @@ fn masks_count_where_they_are_not_zero_also_in_small_numbers_and_in_alpha() {
     let scene = capture(json(TOP));
     grey(&scene.path().join("masks/a.png"), |_| [0, 255]);
     assert!(load(scene.path()).1.contains("1 photo hidden as a whole by their masks"));
+    // Black alone is no label, also in a file of colours.
+    let black = image::RgbaImage::from_fn(64, 48, |x, _| image::Rgba([0, 0, 0, half(x, 255)]));
+    black.save(scene.path().join("masks/a.png")).unwrap();
+    let photos = load(scene.path()).0;
+    assert_eq!([31, 32].map(|x| photos[0].pixels.at(x).unwrap()[3]), [255, 0]);
 }
 
 #[test]
@@ -312,12 +317,19 @@ fn models_scenes_and_cameras_of_one_far_world_meet() {
     let own = world + DVec3::new(3.0, -2.0, 1.0);
     assert_eq!(place::shift_to(&splats, own.to_array(), &scene), own - scene.origin);
     assert_eq!(place::shift_to(&splats, [0.0; 3], &scene), DVec3::ZERO, "without a record, near zero");
-    // georeference.json may be lost; a PLY has a field for its origin.
-    for (file, is_doubted) in [("a.spz", true), ("a.ply", false)] {
+    // georeference.json and the comment of a PLY may be lost; a glTF has a field for its origin. No capture is opened for a PLY alone.
+    let of_ply = [true, false];
+    for (file, doubted) in
+        [("a.spz", [true; 2]), ("a.ply", of_ply), ("a.compressed.ply", of_ply), ("a.glb", [false; 2])]
+    {
         let file = folder.path().join(file);
         formats::write(&file, &splats, RenderMode::Plain).unwrap();
-        let placed = place::place_read(&mut formats::read(&file).unwrap(), folder.path(), None).unwrap();
-        assert_eq!(placed.is_some_and(|warning| warning.contains("georeference.json")), is_doubted);
+        let mut loaded = formats::read(&file).unwrap();
+        let warnings = [place::doubt(&loaded, &scene), place::place_read(&mut loaded, folder.path(), None).unwrap()];
+        let names_both = |warning: &str| warning.contains("`origin X Y Z`") && warning.contains("georeference.json");
+        assert_eq!(warnings.map(|warning| warning.is_some_and(names_both)), doubted, "{}", file.display());
+        let opens = place::place_read(&mut loaded, &folder.path().join("absent"), None).is_err();
+        assert_eq!(opens, doubted[1], "{}", file.display());
     }
     let mut loaded = formats::read(&folder.path().join("a.spz")).unwrap();
     assert!(place::doubt(&loaded, &scene).is_some());

@@ -1,6 +1,5 @@
 //! Files: their bytes, refusals, and other files in the folder.
 
-use super::colmap::Model;
 use super::terrain::strip;
 use super::{make, options};
 use qirf_vk::synth::{self, Effect, Error, SynthOptions};
@@ -100,26 +99,4 @@ fn the_smallest_scene_is_written_and_progress_counts_photos() {
     let report = report.unwrap();
     assert_eq!((report.photos, report.test_photos, report.points), (1, 1, 50));
     assert_eq!(last.into_inner(), 1);
-}
-
-/// `SYNTH_DIR=out SYNTH_EFFECTS=masks,alpha cargo test --release --test host synth:: -- --ignored --nocapture`
-#[test]
-#[ignore = "writes a scene of the default size to look at"]
-fn a_scene_to_look_at() {
-    let Ok(dir) = std::env::var("SYNTH_DIR") else { return };
-    let number = |name: &str, default: u64| std::env::var(name).map_or(default, |v| v.parse().unwrap());
-    let mut o = SynthOptions::default();
-    o.views = number("SYNTH_VIEWS", 48) as usize;
-    o.width = number("SYNTH_WIDTH", 240) as u32;
-    o.height = o.width * 3 / 4;
-    let effects = std::env::var("SYNTH_EFFECTS").unwrap_or_default();
-    let of = |name: &str| Effect::ALL.into_iter().find(|effect| effect.name() == name).expect("the name of an effect");
-    o.effects = effects.split(',').filter(|name| !name.is_empty()).map(of).collect();
-    let start = std::time::Instant::now();
-    let report = synth::write(Path::new(&dir), &o, &|_| ()).unwrap();
-    println!(
-        "{report:?} in {:.1} s; footprints {:.2}",
-        start.elapsed().as_secs_f64(),
-        Model::read(Path::new(&dir)).footprint_ratio()
-    );
 }

@@ -71,6 +71,8 @@ fn told(sandbox: &Sandbox, change: impl FnOnce(&Path)) -> Value {
     change(&changed);
     let told = sandbox.works(&["inspect", "changed", "--json"]).json();
     documented("inspect", &told);
+    let needs = &told["run_needs"];
+    assert!(needs["gaussians"].as_u64() >= Some(1500) && needs["bytes"].as_u64() > Some(1 << 20), "{needs}");
     told
 }
 

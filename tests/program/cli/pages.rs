@@ -113,6 +113,28 @@ fn a_page_shows_what_render_shows() {
     }
 }
 
+/// As that of most photos, the principal point lies beside the picture's middle; it stays there when the camera moves.
+#[test]
+fn a_page_has_the_principal_point_of_its_first_camera() {
+    let sandbox = Sandbox::new();
+    sandbox.scene("photos", &format!("1 PINHOLE {} {} 260 260 187 101", SIZE[0], SIZE[1]), &["one.png"]);
+    formats::write(&sandbox.path("cloud.ply"), &cloud(1000), RenderMode::Plain).unwrap();
+    sandbox.converts(&["cloud.ply", "cloud.html", "--scene", "photos"]);
+    let given = parameters(&fs::read_to_string(sandbox.path("cloud.html")).unwrap());
+    let shift: [f64; 2] = serde_json::from_value(given["start"]["shift"].clone()).unwrap();
+    assert!((shift[0] - 27.0 / 240.0).abs() < 1e-9 && (shift[1] + 19.0 / 240.0).abs() < 1e-9, "{shift:?}");
+    sandbox.converts(&["cloud.ply", "cloud.spz"]);
+    sandbox.works(&["render", "cloud.spz", "--scene", "photos", "-o", "out"]);
+    let Some(mut page) = open(&sandbox, "cloud.html") else { return };
+    let (psnr, most) = likeness(&mut page, &sandbox, "out/one.png");
+    assert!(psnr > 45.0, "{psnr} dB, at most {most}");
+    let now = "JSON.stringify(viewer.camera.shift)";
+    let before = page.value(now);
+    page.value("viewer.camera.orbit(0.2, 0.1)");
+    page.key("l");
+    assert!(before != "[0,0]" && page.value(now) == before, "{before}");
+}
+
 /// A capture a hundred times smaller than usual, where z is up: nothing of it lies beyond the usual near plane.
 #[test]
 fn a_page_has_up_and_near_plane_of_its_scene() {
@@ -290,22 +312,46 @@ fn a_page_tells_that_a_device_is_too_small() {
 }
 
 #[test]
-#[ignore = "a minute: the browser draws without a GPU"]
+#[ignore = "a minute, as the browser draws without a GPU: make page-of-a-million"]
 fn a_page_of_a_million_opens() {
     opens(1_000_000);
 }
 
 #[test]
-fn posters_show_small_models_too() {
+fn posters_show_small_models_and_huge_pictures_too() {
     use base64::Engine;
     let sandbox = Sandbox::new();
     sandbox.works(&["edit", "model.ply", "-o", "small.ply", "--scale", "0.004"]);
-    sandbox.works(&["convert", "small.ply", "small.html"]);
-    let html = fs::read_to_string(sandbox.path("small.html")).unwrap();
-    let (_, poster) = html.split_once(";base64,").unwrap();
-    let bytes = base64::engine::general_purpose::STANDARD.decode(poster.split('"').next().unwrap()).unwrap();
-    let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
-    assert!(picture.pixels().any(|p| p.0.iter().any(|v| *v > 60)), "black");
+    // A picture of its size takes 32 GiB.
+    sandbox.scene("huge", "1 PINHOLE 32768 32768 28000 28000 20000 12000", &["one.png"]);
+    let poster = |model: &str, scene: &[&str], size: (u32, u32)| {
+        sandbox.works(&[&["convert", model, "page.html"][..], scene].concat());
+        let html = fs::read_to_string(sandbox.path("page.html")).unwrap();
+        let (_, poster) = html.split_once(";base64,").unwrap();
+        let bytes = base64::engine::general_purpose::STANDARD.decode(poster.split('"').next().unwrap()).unwrap();
+        let picture = image::load_from_memory(&bytes).unwrap().into_rgb8();
+        assert!(picture.pixels().any(|p| p.0.iter().any(|v| *v > 60)), "{model}: black");
+        assert_eq!(picture.dimensions(), size, "{model}");
+        picture
+    };
+    poster("small.ply", &[], (400, 250));
+    let huge = poster("model.ply", &["--scene", "huge"], (800, 800));
+    sandbox.works(&["render", "model.ply", "--scene", "huge", "--resolution", "800", "-o", "out"]);
+    let drawn = image::open(sandbox.path("out/one.png")).unwrap().into_rgb8();
+    assert_eq!(drawn.dimensions(), (800, 800));
+    let sum: f64 = huge.iter().zip(drawn.iter()).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
+    let mean = sum / drawn.len() as f64;
+    assert!(mean < 2.0, "{mean} of 255: a JPEG differs by less");
+
+    // In a window wider than the picture, too, its scale is that of the model's picture, whose height is the window's.
+    let Some(mut page) = open(&sandbox, "page.html") else { return };
+    let place = page.value(
+        "(async () => { const square = Object.assign(document.createElement('canvas'), { width: 80, height: 80 }); \
+         const poster = Object.assign(new Image(), { id: 'poster', src: square.toDataURL() }); \
+         document.getElementById('stage').append(poster); await poster.decode(); \
+         const { left, width, height } = poster.getBoundingClientRect(); return [left, width, height] })()",
+    );
+    assert_eq!(place, json!([40, 240, 240]));
 }
 
 #[test]

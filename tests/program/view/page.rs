@@ -52,8 +52,10 @@ fn a_crop_option_tells_the_sphere_in_the_picture() {
     let viewer = Viewer::start(&["view", &model, "--scene", &scene]);
     let Some(mut page) = Browser::open(&viewer.url) else { return };
     page.until(RESTED);
-    // In the coordinates of the file, also where a run has another unit.
-    page.value("document.getElementById('crop').open = true; viewer.scene.unit = 0.5");
+    // In the coordinates of the file, also where a run has another unit; round the target, which need not be in the middle.
+    page.value(
+        "document.getElementById('crop').open = true; viewer.scene.unit = 0.5; viewer.camera.shift = [0.1, -0.05]",
+    );
     for narrow in [false, true] {
         if narrow {
             let screen = json!({ "width": 330, "height": 420, "deviceScaleFactor": 1, "mobile": false });
@@ -66,12 +68,15 @@ fn a_crop_option_tells_the_sphere_in_the_picture() {
         ))[..] else {
             panic!("six numbers")
         };
-        let radius = 0.5 * distance * ((0.5 * fov).tan() * ratio.min(1.0)).atan().sin();
+        let radius = 0.5 * distance * ((0.5 * fov).tan() * (ratio - 0.2).min(0.9)).atan().sin();
         let right = [0.5 * x - 10.0, 0.5 * y, 0.5 * z, radius];
         let told =
             "document.querySelector('#crop > code').textContent.replace('--crop-sphere ', '').split(',').map(Number)";
         page.until(&format!("{told}.every((v, i) => Math.abs(v - {right:?}[i]) <= {})", 1e-3 * radius));
     }
+    // There is none about a target outside of the picture.
+    page.value("viewer.camera.shift = [0, 0.6]");
+    page.until("document.querySelector('#crop > code').textContent === ''");
     assert_eq!(page.complaints, Vec::<String>::new());
 }
 
@@ -201,9 +206,20 @@ fn mouse_and_keys_move_the_camera() {
     page.until("viewer.reach > 0 && viewer.camera.distance >= 0.9e-3 * viewer.reach");
     page.key("Home");
     page.until("viewer.camera.position.every((v, i) => v === viewer.scene.start.position[i])");
+    assert_eq!(page.complaints, Vec::<String>::new());
+}
 
-    // The address keeps the view.
-    page.until(&format!("{RESTED} && location.hash.startsWith('#pose=')"));
+/// An address of an earlier version has 9 numbers: the principal point is in the middle.
+#[test]
+fn an_address_keeps_the_view() {
+    let viewer = viewer(&[]);
+    let Some(mut page) = Browser::open(&viewer.url) else { return };
+    page.until(&format!("{RESTED} && location.hash.startsWith('#pose=') && location.hash.split(',').length === 11"));
+    for (numbers, shift) in [("4,0.25,-0.5", "0.25,-0.5"), ("5", "0,0")] {
+        page.value(&format!("location.hash = 'pose=1,2,3,1,0,0,0,0.8,{numbers}'"));
+        let now = "[...viewer.camera.position, ...viewer.camera.shift].join()";
+        page.until(&format!("{now} === '1,2,3,{shift}' && {RESTED}"));
+    }
     assert_eq!(page.complaints, Vec::<String>::new());
 }
 
@@ -212,21 +228,30 @@ fn photos_are_a_click_away_and_compared_by_a_slider() {
     let viewer = viewer(&[]);
     let Some(mut page) = Browser::open(&viewer.url) else { return };
     page.until(RESTED);
-    // From behind the first photo's camera, its frustum can be clicked.
-    page.value("viewer.camera.dolly(3)");
-    let place = "(() => { const { camera, scene } = viewer, s = document.getElementById('stage'), p = document.getElementById('picture'); \
+    // From behind the first photo's camera, its frustum can be clicked: its place, and the middle of its picture, which lies
+    // beside its axis.
+    let place = "(share) => { const { camera, scene, length } = viewer, s = document.getElementById('stage'), p = document.getElementById('picture'); \
         const r = Math.min(s.clientWidth / p.width, s.clientHeight / p.height), size = [p.width * r, p.height * r]; \
-        return scene.cameras.map((c) => camera.project(c.position, size)).map((q) => q && \
-          [q[0] + (s.clientWidth - size[0]) / 2, q[1] + (s.clientHeight - size[1]) / 2]) })()";
-    let places = page.value(place);
-    let inside = |p: &&Value| {
+        const point = (c) => { const { forward, right } = new camera.constructor(c, c.position, camera.up), aside = 8 * Math.tan(c.fov / 2); \
+          return c.position.map((v, i) => v + share * length * (forward[i] - aside * right[i])) }; \
+        return scene.cameras.map((c) => camera.project(point(c), size)).map((q) => q && \
+          [q[0] + (s.clientWidth - size[0]) / 2, q[1] + (s.clientHeight - size[1]) / 2]) }";
+    let inside = |p: &Value| {
         p[0].as_f64().is_some_and(|x| (5.0..700.0).contains(&x)) && (5.0..690.0).contains(&p[1].as_f64().unwrap())
     };
-    let at = numbers(places.as_array().unwrap().iter().find(inside).expect("a camera in view"));
-    for kind in ["mousePressed", "mouseReleased"] {
-        page.mouse(kind, [at[0], at[1]], &json!({}));
+    page.value("viewer.scene.cameras.forEach((c) => { c.shift = [4, 0] })");
+    for share in [0, 1] {
+        page.key("Home");
+        page.until(RESTED);
+        page.value("viewer.camera.dolly(3)");
+        let places = page.value(&format!("({place})({share})"));
+        let n = places.as_array().unwrap().iter().position(inside).expect("a camera in view");
+        let at = numbers(&places[n]);
+        for kind in ["mousePressed", "mouseReleased"] {
+            page.mouse(kind, [at[0], at[1]], &json!({}));
+        }
+        page.until(&format!("viewer.photo === {n} && {RESTED}"));
     }
-    page.until(&format!("viewer.photo >= 0 && {RESTED}"));
     assert_eq!(page.value("[viewer.frame.size[0], viewer.frame.size[1]]"), json!([64, 48]));
     // In another order, the list still marks it.
     page.value("document.getElementById('sort').click()");

@@ -4,13 +4,14 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::Read;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use super::super::bytes::u32_at;
 use super::super::fault::{Fault, malformed};
+use super::super::stays_within;
 use super::AGAIN;
 use super::document::{Document, View};
 use crate::percent::percent_decoded;
@@ -121,8 +122,7 @@ fn fetch(uri: &str, length: usize, folder: Option<&Path>, i: usize) -> Result<Ve
     }
     let shown = shown(uri, 80);
     let name = PathBuf::from(percent_decoded(uri));
-    let within = name.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-    if !within || name.as_os_str().is_empty() || uri.contains([':', '\\']) {
+    if !stays_within(&name) || uri.contains([':', '\\']) {
         let what =
             format!("its file `{shown}` is not in the folder of the glTF; put it there and name it without a path");
         return Err(malformed(record, what));

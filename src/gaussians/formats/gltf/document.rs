@@ -170,7 +170,7 @@ pub(super) struct Primitive<'a> {
     pub indices: Option<usize>,
     #[serde(borrow, default)]
     pub extensions: Extensions<'a>,
-    /// Anything.
+    /// Data of applications, in any form.
     #[serde(borrow)]
     pub extras: Option<&'a RawValue>,
 }

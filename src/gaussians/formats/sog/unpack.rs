@@ -8,21 +8,24 @@ use image::codecs::webp::WebPDecoder;
 use image::{DynamicImage, ImageDecoder, RgbaImage};
 use rayon::prelude::*;
 use serde::Deserialize;
-use serde_json::Value;
+use serde_json::{Number, Value};
 
 use super::super::bytes::{from_smallest_three, logit_of_byte};
 use super::super::fault::{Fault, malformed};
 use super::super::limit::fits;
-use super::super::{Format, Gaussians, MARK, Parsed, Tag};
+use super::super::{Format, Gaussians, Parsed, Tag};
 use super::GREATEST;
 use crate::gaussians::MAX_SH_DEGREE;
+use crate::scene::text_of;
+use crate::wording::shown;
 
 const AGAIN: &str = "fetch or export the model again";
 
 #[derive(Deserialize)]
 struct Meta {
-    version: Option<f64>,
-    count: Option<u64>,
+    /// A number, also as a string.
+    version: Option<Value>,
+    count: Option<Number>,
     model: Option<Value>,
     antialias: Option<Value>,
     means: Means,
@@ -35,7 +38,7 @@ struct Meta {
 
 #[derive(Deserialize)]
 struct Means {
-    shape: Option<Vec<u64>>,
+    shape: Option<Vec<Number>>,
     mins: [f64; 3],
     maxs: [f64; 3],
     files: [String; 2],
@@ -102,15 +105,19 @@ pub(in super::super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
 
 /// Reads a model whose files `load` gives by name.
 fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, Fault> {
-    let text = load("meta.json")?;
-    // Editors of Windows put a byte order mark before it.
-    let meta: Meta = serde_json::from_slice(text.strip_prefix(MARK).unwrap_or(&text))
-        .map_err(|error| malformed("meta.json", format!("{error}; {AGAIN}")))?;
-    if let Some(version) = meta.version.filter(|v| ![1.0, 2.0].contains(v)) {
+    let text = text_of(load("meta.json")?).map_err(|(place, what)| malformed(format!("meta.json, {place}"), what))?;
+    let meta: Meta =
+        serde_json::from_str(&text).map_err(|error| malformed("meta.json", format!("{error}; {AGAIN}")))?;
+    if let Some(version) = meta.version.as_ref().filter(|v| ![Some(1.0), Some(2.0)].contains(&number(v))) {
+        let version = shown(&version.as_str().map_or_else(|| version.to_string(), ToOwned::to_owned), 40);
         return Err(Fault::Unsupported(format!("SOG version {version}; versions 1 and 2 are read; export it as one")));
     }
-    let claimed = meta.count.or_else(|| meta.means.shape.as_ref()?.first().copied());
-    let claimed = claimed.ok_or_else(|| malformed("meta.json", format!("neither count nor means.shape; {AGAIN}")))?;
+    let claimed = meta.count.as_ref().or_else(|| meta.means.shape.as_ref()?.first());
+    let is_whole = |count: &f64| *count >= 0.0 && count.fract() == 0.0;
+    let Some((claimed, count)) = claimed.zip(claimed.and_then(Number::as_f64).filter(is_whole)) else {
+        let what = format!("neither count nor means.shape is a number of Gaussians; {AGAIN}");
+        return Err(malformed("meta.json", what));
+    };
 
     let rest_files = meta.sh_rest.as_ref().map_or(&[][..], |rest| &rest.files);
     let files: Vec<&String> =
@@ -124,10 +131,11 @@ fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, 
     }
     let packed = webps.iter().map(|(_, bytes)| bytes.len()).sum();
     let degree = if meta.sh_rest.is_some() { MAX_SH_DEGREE } else { 0 };
-    let n = usize::try_from(claimed).ok().filter(|n| fits(*n, degree, packed)).ok_or_else(|| {
+    let n = count as usize; // saturates
+    if !fits(n, degree, packed) {
         let what = format!("{claimed} Gaussians claimed, more than textures of {packed} bytes can hold; {AGAIN}");
-        malformed("meta.json", what)
-    })?;
+        return Err(malformed("meta.json", what));
+    }
     let textures: Vec<RgbaImage> = webps
         .par_iter()
         .enumerate()
@@ -164,6 +172,11 @@ fn read(mut load: impl FnMut(&str) -> Result<Vec<u8>, Fault>) -> Result<Parsed, 
     }
     let tag = Tag::of_sog(meta.model.as_ref(), meta.antialias.as_ref());
     Ok(Parsed { gaussians: model, format: Format::Sog, tag, trailing_bytes: 0 })
+}
+
+/// A number, which may be written as a string.
+fn number(value: &Value) -> Option<f64> {
+    value.as_f64().or_else(|| value.as_str()?.trim().parse().ok())
 }
 
 /// Adds bands 1 and up: each Gaussian's label names a palette entry of K texels, K = 3, 8 or 15.

@@ -1,12 +1,14 @@
 //! USDZ: a zip archive without compression, whose first file is the layer, each file at a multiple of 64 bytes.
 
 use std::io::Cursor;
+use std::path::Path;
 
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, System, ZipArchive, ZipWriter};
 
-use super::super::{Gaussians, RenderMode, crc32};
+use super::super::{Gaussians, RenderMode, crc32, stays_within};
 use super::{AGAIN, Fault, Parsed, binary, malformed, read, write};
+use crate::wording::shown;
 
 /// Multiple at which the bytes of each file begin.
 const ALIGNMENT: u16 = 64;
@@ -29,6 +31,13 @@ pub(in super::super) fn read_package(bytes: &[u8]) -> Result<Parsed, Fault> {
     let entry = archive.by_index(0).map_err(|error| damaged(error.to_string()))?;
     if entry.compression() != CompressionMethod::Stored {
         return Err(damaged("its first file is compressed, which USDZ forbids".into()));
+    }
+    // Nothing is unpacked, but other programs would write such a file outside of their folder.
+    let name = String::from_utf8_lossy(entry.name_raw());
+    let has_drive = name.as_bytes().get(1) == Some(&b':');
+    if !stays_within(Path::new(&name.replace('\\', "/"))) || has_drive {
+        let name = shown(&name, 80);
+        return Err(damaged(format!("its first file has the name `{name}`, which leads out of the archive")));
     }
     // A stored file is a part of the archive, which is read where it lies.
     let part = || {

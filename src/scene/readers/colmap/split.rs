@@ -68,7 +68,8 @@ pub(super) struct Roles {
 }
 
 impl Roles {
-    /// The roles that nerfstudio's lists give; if none names a photo, test.txt beside the model's files holds out photos, as 3DGS writes it.
+    /// The roles that nerfstudio's lists give; if none names a photo, test.txt beside the model's files, as 3DGS writes it, or else in the
+    /// capture's folder, unless that one names all photos, holds out photos.
     pub fn of(root: &Path, model: &Path, rows: &[ImageRow], skipped: &mut Skipped) -> Self {
         let read = |(folder, name, role): (&Path, &str, Role)| {
             let file = files::child(folder, name);
@@ -78,7 +79,15 @@ impl Roles {
         let known = Known::of(rows);
         let names_one = |text: &str| text.lines().any(|line| known.find(line.trim()).is_some());
         if !lists.iter().any(|(text, ..)| names_one(text)) {
-            lists.extend(read((model, "test.txt", Role::Test)));
+            let of_root = || {
+                let list = read((root, "test.txt", Role::Test))?;
+                let named: HashSet<&str> = list.0.lines().filter_map(|line| known.find(line.trim())).collect();
+                let names_all = rows.iter().all(|row| named.contains(row.name.as_str()));
+                let what = "names all photos, and would leave none to train on: it is ignored";
+                skipped.notes.extend(names_all.then(|| format!("{} {what}", list.1.display())));
+                (!names_all).then_some(list)
+            };
+            lists.extend(read((model, "test.txt", Role::Test)).or_else(of_root));
         }
         let (mut listed, mut doubtful) = (HashMap::new(), HashSet::new());
         for (text, file, role) in lists {

@@ -135,7 +135,7 @@ pub(super) fn name_of(frame: &Value) -> Option<String> {
     Some(tidy(frame.get("file_path")?.as_str()?))
 }
 
-/// The text with quotes around what Python writes for numbers that JSON does not know: no field takes such a string for a number.
+/// The text with quotes around what Python writes for numbers that JSON does not know: only a matrix takes such a string for a number.
 pub(super) fn without_nan(text: &str) -> String {
     // Between quotes, of which none is escaped in what matters here.
     let mut inside = false;

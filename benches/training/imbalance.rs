@@ -1,8 +1,7 @@
 //! Imbalance of a picture's work: counts that explain times, equal on every device of one tuning.
 
-use super::Renderer;
-use crate::gpu::Result;
-use crate::scene::camera::Camera;
+use qirf_vk::gpu::{Device, Result};
+use qirf_vk::render::Slots;
 use serde::Serialize;
 
 /// Lanes that work in lockstep on most GPUs.
@@ -24,7 +23,8 @@ pub struct Distribution {
 }
 
 impl Distribution {
-    fn of(parts: impl Iterator<Item = u32>) -> Self {
+    /// The sizes of these parts.
+    pub fn of(parts: impl Iterator<Item = u32>) -> Self {
         let mut parts: Vec<u32> = parts.filter(|part| *part > 0).collect();
         parts.sort_unstable();
         let at = |share: f64| parts.get(((parts.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(0);
@@ -33,7 +33,7 @@ impl Distribution {
     }
 }
 
-/// Counts of the picture drawn last.
+/// Counts of a picture.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Imbalance {
     /// Gaussians in a tile's list.
@@ -49,7 +49,7 @@ pub struct Imbalance {
 }
 
 /// Steps of lanes over these numbers of slots; from `many` slots on (0: never) a subgroup shares a Gaussian's.
-fn steps(slots: &[u32], many: u32) -> u64 {
+pub fn steps(slots: &[u32], many: u32) -> u64 {
     let of_group = |group: &[u32]| {
         let shared = |slots: u32| many > 0 && slots >= many;
         let alone = group.iter().copied().filter(|slots| !shared(*slots)).max().unwrap_or(0);
@@ -60,38 +60,20 @@ fn steps(slots: &[u32], many: u32) -> u64 {
     slots.chunks(LANES).map(of_group).sum()
 }
 
-impl Renderer {
-    /// Counts of the last picture, drawn with this camera.
-    pub fn imbalance(&self, camera: &Camera) -> Result<Imbalance> {
-        let (device, frame) = (self.device(), &self.frame);
+impl Imbalance {
+    /// Counts of the picture that these slots are of.
+    pub fn of(device: &Device, picture: &Slots<'_>) -> Result<Self> {
         let many = device.tuning().bin_many;
-        let tiles = self.tiles(camera);
-        let starts = frame.starts.read_first(device, tiles + 1)?;
-        let (slots, depths) = (frame.tile_counts.read(device)?, frame.depth.read(device)?);
+        let starts = picture.starts.read_first(device, picture.tiles as usize + 1)?;
+        let (slots, depths) = (picture.tile_counts.read(device)?, picture.depth.read(device)?);
         let mut order: Vec<usize> = (0..slots.len()).filter(|i| slots[*i] > 0).collect();
         order.sort_by_key(|i| (depths[*i], *i));
         let near_to_far: Vec<u32> = order.into_iter().map(|i| slots[i]).collect();
-        Ok(Imbalance {
+        Ok(Self {
             tile: Distribution::of(starts.windows(2).map(|range| range[1] - range[0])),
             gaussian: Distribution::of(slots.iter().copied()),
             project_backward_steps: steps(&slots, many),
             bin_steps: steps(&near_to_far, many),
         })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn steps_and_distributions() {
-        let mut slots = vec![1; 64];
-        (slots[3], slots[40]) = (20, 100);
-        assert_eq!(steps(&slots, 0), 32 * (20 + 100));
-        assert_eq!(steps(&slots, 32), 32 * (20 + 1 + 4));
-        let expected = Distribution { count: 4, sum: 110, p50: 3, p99: 4, most: 100 };
-        assert_eq!(Distribution::of([0, 100, 3, 0, 4, 3].into_iter()), expected);
-        assert_eq!(Distribution::of([0].into_iter()), Distribution::default());
     }
 }

@@ -1,11 +1,11 @@
 //! Peak rates of a device: bytes copied and float32 operations per second. The times of stages are compared with them.
 
-use super::WORKGROUP;
-use crate::gpu::{Buffer, Device, Groups, Recording, Result};
-use crate::kernels::constants::multiply_add::UNROLLED;
-use crate::kernels::rates::{
+use qirf_vk::gpu::{Buffer, Device, Groups, Recording, Result};
+use qirf_vk::kernels::constants::multiply_add::UNROLLED;
+use qirf_vk::kernels::rates::{
     Copy as CopyKernel, CopyPush, CopySpec, MultiplyAdd as Kernel, MultiplyAddPush, MultiplyAddSpec,
 };
+use qirf_vk::primitives::WORKGROUP;
 
 /// Least number of bytes that a measurement of copying moves, small buffers repeatedly: starting a dispatch is then
 /// negligible.
@@ -25,7 +25,8 @@ pub enum By {
 /// A copy from one buffer into another.
 pub struct Copy {
     from: Buffer<f32>,
-    to: Buffer<f32>,
+    /// Destination of the copy: ones afterwards.
+    pub to: Buffer<f32>,
     by: By,
     times: u64,
     /// Invocations per workgroup, and words that each copies.
@@ -41,24 +42,14 @@ impl Copy {
         recording.fill(&from, 1.0_f32.to_bits());
         recording.fill(&to, 0);
         device.run(recording)?;
-        let times = MOVED.div_ceil(2 * from.raw().bytes()).max(1);
+        let times = MOVED.div_ceil(2 * from.bytes()).max(1);
         let shape = [device.tuning().copy_workgroup, device.tuning().copy_rows];
         Ok(Self { from, to, by, times, shape })
     }
 
-    /// Bytes of [`Copy::new`].
-    pub const fn bytes(words: usize) -> u64 {
-        2 * Buffer::<f32>::bytes_of(words)
-    }
-
     /// Bytes read and written by one [`Copy::record`].
     pub fn moved(&self) -> u64 {
-        self.times * 2 * self.from.raw().bytes()
-    }
-
-    /// Destination of the copy: ones afterwards.
-    pub fn target(&self) -> &Buffer<f32> {
-        &self.to
+        self.times * 2 * self.from.bytes()
     }
 
     /// Records the copy; small ones several times.
@@ -111,7 +102,8 @@ impl Chain {
 
 /// Multiply-adds in registers.
 pub struct MultiplyAdd {
-    sums: Buffer<f32>,
+    /// The sums, all equal to `CHAINS` once the chains have settled.
+    pub sums: Buffer<f32>,
     rounds: u32,
 }
 
@@ -120,11 +112,6 @@ impl MultiplyAdd {
     pub fn new(device: &Device) -> Result<Self> {
         let (groups, rounds) = (device.tuning().multiply_workgroups, device.tuning().multiply_rounds);
         Ok(Self { sums: device.buffer("rates: sums", (groups * WORKGROUP) as usize)?, rounds })
-    }
-
-    /// Bytes of [`MultiplyAdd::new`].
-    pub fn bytes(&self) -> u64 {
-        self.sums.raw().bytes()
     }
 
     /// Operations of one [`MultiplyAdd::record`], two per multiply-add.
@@ -141,10 +128,5 @@ impl MultiplyAdd {
             spec: MultiplyAddSpec { workgroup: WORKGROUP, chains: CHAINS },
         };
         recording.dispatch(&kernel, Groups::Count(self.sums.len() as u32 / WORKGROUP));
-    }
-
-    /// The sums, all equal to `CHAINS` once the chains have settled.
-    pub fn sums(&self, device: &Device) -> Result<Vec<f32>> {
-        self.sums.read(device)
     }
 }
