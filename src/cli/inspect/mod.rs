@@ -5,6 +5,7 @@ mod scene;
 
 use super::Global;
 use super::console::Console;
+use super::remedy::remedy;
 use super::values;
 use crate::edit::reading_warnings;
 use crate::extension::has_extension;
@@ -91,7 +92,8 @@ impl Arguments {
                 Some(json!({ "device": device.info().name, "gaussians": gaussians, "bytes": bytes }))
             }
             Err(error @ (Error::Memory { .. } | Error::Buffer { .. })) => {
-                Some(json!({ "device": device.info().name, "problem": error.to_string() }))
+                let remedy = remedy(&error).map_or(String::new(), |remedy| format!("; {remedy}"));
+                Some(json!({ "device": device.info().name, "problem": format!("{error}{remedy}") }))
             }
             Err(_) => None,
         }
