@@ -261,7 +261,7 @@ void main() {
 
     bool good = sane(g.mean) && sane(g.log_scale) && sane(g.rotation.xyz) && sane(g.rotation.w) && sane(g.logit) && sane(g.colour);
     if (!good) atomicAdd(guards[0], 1);
-    // What dropout or a mask hides was not seen.
+    // Gaussians that dropout or a mask hides were not seen.
     if (STATISTICS && good && slots > 0 && shape[i].z > 0) growth[i] += vec2(length(g.pull * 0.5 * vec2(view[0].whole)), 1);
     float own[ROW];
     [[unroll]] for (uint c = 0; c < 3; c++) {

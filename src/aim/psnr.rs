@@ -180,7 +180,7 @@ impl<T: Trials> Search<'_, T> {
             if is_half && !is_smaller {
                 by_rung = !by_rung;
             }
-            // What found no smaller file gives way to the other.
+            // A method that found no smaller file gives way to the other.
             halves = is_half == is_smaller;
         }
         Ok(())

@@ -28,7 +28,7 @@ struct Job {
     end: Condvar,
 }
 
-/// What a job reported last.
+/// The last report of a job.
 struct State {
     begun: Instant,
     steps: Steps,

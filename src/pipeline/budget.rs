@@ -3,7 +3,7 @@
 use super::effects;
 use super::evaluate::Evaluator;
 use super::pair_capacity;
-use super::prepare::{Opened, Prepared, open_to_train};
+use super::prepare::{Opened, Prepared};
 use super::start::Start;
 use super::virtual_views;
 use crate::effects::Effect;
@@ -15,7 +15,7 @@ use crate::job::{Error, Relief, RunConfig, Session, host_memory};
 use crate::qirf::study::{self, Basis};
 use crate::render::{Beside, LEAST_PAIRS, Renderer, Style, Uses, binds, largest};
 use crate::response::Wanted;
-use crate::scene::{DepthMap, camera};
+use crate::scene::{DepthMap, Resize, Scene, camera};
 use crate::train::checkpoint::Snapshot;
 use crate::train::{PhotoNeeds, Trainer, TrainerNeeds, responses_bytes};
 use crate::wording::mebibytes;
@@ -58,12 +58,13 @@ pub struct Foreseen {
     pub bytes: u64,
 }
 
-/// The needs of a run that begins now: it opens the capture, and loads no photo.
+/// The needs of a run that begins now on photos of full size: no photo is loaded. `scene` is the configuration's, of which
+/// [`Scene::require_photos`] has left the views.
 ///
 /// # Errors
-/// Those of the capture, and of [`for_run`].
-pub fn foreseen(session: &Session<'_>, config: &RunConfig) -> Result<Foreseen, Error> {
-    let opened = open_to_train(&config.selection())?.with_depths(session.watcher);
+/// Those of the initial model, and of [`for_run`].
+pub fn foreseen(session: &Session<'_>, config: &RunConfig, scene: Scene) -> Result<Foreseen, Error> {
+    let opened = Opened::of(&config.selection(), Resize::Full, scene).with_depths(session.watcher);
     let largest = opened.train_pixels().into_iter().max().unwrap_or(0);
     let start = Start::of(config, &opened.scene, largest, session.watcher)?;
     for_run(session, config, &opened, &start)

@@ -17,8 +17,8 @@ const ROOM: f64 = 1.5;
 /// a fifth; objects before nothing have down to half of that (docs/decisions.md, 208).
 pub fn estimate(device: &Device, gaussians: usize, [width, height]: [u32; 2]) -> u32 {
     let (pixels, n) = (f64::from(width) * f64::from(height), gaussians.max(1) as f64);
-    let s = 8.0 * (pixels / n).sqrt() / f64::from(device.tuning().tile);
     let tile = device.tuning().tile;
+    let s = 8.0 * (pixels / n).sqrt() / f64::from(tile);
     let tiles = f64::from(width.div_ceil(tile)) * f64::from(height.div_ceil(tile));
     let pairs = n * (ROOM * (1.0 + s + 0.88 * s * s)).min(tiles);
     // Renderers begin with these, and may take a quarter more.

@@ -233,11 +233,16 @@ fn opened(selection: &Selection, options: &OpenOptions) -> Result<Opened, Error>
     selection.effects.check().map_err(Error::Usage)?;
     let mut scene = Scene::open(&selection.scene, options)?;
     scene.require_photos()?;
-    let depths = (DepthMaps::default(), scene.points.len());
-    Ok(Opened { scene, resize, selection: selection.clone(), required: Vec::new(), depths })
+    Ok(Opened::of(selection, resize, scene))
 }
 
 impl Opened {
+    /// A scene that is open already, of which [`Scene::require_photos`] has left the views.
+    pub fn of(selection: &Selection, resize: Resize, scene: Scene) -> Self {
+        let depths = (DepthMaps::default(), scene.points.len());
+        Self { scene, resize, selection: selection.clone(), required: Vec::new(), depths }
+    }
+
     /// Width and height that every picture fits in.
     pub fn size(&self) -> [u32; 2] {
         let larger = |[w, h]: [u32; 2], c: Camera| [w.max(c.width), h.max(c.height)];

@@ -29,8 +29,8 @@ pub(super) fn merge_repeated(points: Vec<Point>) -> Vec<Point> {
     if are_few { points } else { merged(points, &firsts) }
 }
 
-/// Variant of [`merge_repeated`] for copies that lie a little aside, which searches for the neighbours of points. All points unless most
-/// have a copy.
+/// Variant of [`merge_repeated`] for copies that lie a little aside, which searches for the neighbours of points. Returns all points
+/// unless most have a copy.
 pub(super) fn merge_copies(points: Vec<Point>) -> Vec<Point> {
     let neighbours = Neighbours::of(points.iter().map(|point| point.position).collect());
     if neighbours.copied < COPIED { points } else { merged(points, &neighbours.firsts()) }

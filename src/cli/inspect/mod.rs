@@ -76,8 +76,8 @@ impl Arguments {
         }
     }
 
-    /// The needs of a run of the scene without options, if a device is there to tell.
-    fn needs(&self, global: &Global) -> Option<Value> {
+    /// The needs of a run of this scene without options, if a device is there to tell.
+    fn needs(&self, scene: Scene, global: &Global) -> Option<Value> {
         let device = global.open().ok()?;
         let preset = Preset::default();
         let config = RunConfig {
@@ -87,7 +87,7 @@ impl Arguments {
             ..RunConfig::of(self.path.clone(), preset).pruned(preset.pruning())
         };
         let networks = Networks::default();
-        match foreseen(&Session::new(&device, &networks), &config) {
+        match foreseen(&Session::new(&device, &networks), &config, scene) {
             Ok(Foreseen { gaussians, bytes }) => {
                 Some(json!({ "device": device.info().name, "gaussians": gaussians, "bytes": bytes }))
             }
@@ -101,9 +101,10 @@ impl Arguments {
 
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         let value = if is_scene(&self.path) {
-            let mut value = scene::describe(&self.path, &self.options(), self.html.as_deref())
+            let (mut value, shown) = scene::describe(&self.path, &self.options(), self.html.as_deref())
                 .map_err(|e| unfinished(&self.path, e))?;
-            if let (Some(fields), Some(needs)) = (value.as_object_mut(), self.needs(global)) {
+            let needs = shown.and_then(|scene| self.needs(scene, global));
+            if let (Some(fields), Some(needs)) = (value.as_object_mut(), needs) {
                 fields.insert("run_needs".to_owned(), needs);
             }
             value

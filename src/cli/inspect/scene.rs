@@ -58,8 +58,13 @@ fn coloured_otherwise(scene: &Scene) -> Option<String> {
     })
 }
 
-/// The scene as one document, and as a page if `html` names one; reads training photos to decide which effects they call for.
-pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) -> Result<Value, Error> {
+/// The scene as one document, and as a page if `html` names one; reads training photos to decide which effects they call for. Also
+/// returns the scene with the views whose photos are there, if there are any.
+pub(super) fn describe(
+    path: &Path,
+    options: &OpenOptions,
+    html: Option<&Path>,
+) -> Result<(Value, Option<Scene>), Error> {
     let scene = Scene::open(path, options)?;
     let mut sizes: BTreeMap<(u32, u32), usize> = BTreeMap::new();
     let mut cameras: BTreeMap<u32, (&View, usize)> = BTreeMap::new();
@@ -70,7 +75,8 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
     let alpha = scene.views.par_iter().filter(|v| v.announces_alpha()).count();
     // As a run holds photos out, which then are all there.
     let mut present = scene.clone();
-    if present.has_photos() {
+    let has_photos = present.has_photos();
+    if has_photos {
         present.require_photos()?;
     }
     let held = present.split(EVAL_EVERY);
@@ -115,7 +121,7 @@ pub(super) fn describe(path: &Path, options: &OpenOptions, html: Option<&Path>) 
             .chain(coloured_otherwise(&scene)).collect::<Vec<_>>(),
         "effects": decisions,
     });
-    Ok(joined([facts, doubts.fields(), decided]))
+    Ok((joined([facts, doubts.fields(), decided]), has_photos.then_some(present)))
 }
 
 /// One document with the fields of several, in their order.

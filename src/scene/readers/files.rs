@@ -70,7 +70,7 @@ fn names_format(photo: &Path) -> bool {
 /// The files that are most likely the photo, among those with its name and any extension: those with its own extension,
 /// in any case, else those in its format, else by [`rank`]. A picture that may be a mask or a depth map is it if the
 /// photo is listed without a format, or if no photo of its folder is there in another format than this picture's:
-/// `known` is the format of the first that is there.
+/// `known` is the format of the first photo that is there.
 pub(super) fn likeliest(photo: &Path, files: Vec<PathBuf>, known: Option<&str>) -> Vec<PathBuf> {
     let any = !names_format(photo);
     if files.len() < 2 && (any || known.is_none()) {
