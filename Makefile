@@ -208,7 +208,7 @@ page-of-a-million: ## open a page of a million Gaussians in Chromium (a minute)
 	cargo test --locked --test program -- --ignored --nocapture a_page_of_a_million_opens
 
 # RUN: folder of a run. Needs Chromium.
-viewer-picture: ## rewrite the picture of the viewer in README.md; RUN=folder of a run
+viewer-picture: ## rewrite the picture of docs/viewer.md; RUN=folder of a run
 	QIRF_SUBJECT="$(RUN)" QIRF_PICTURE=docs/figures/viewer.jpg cargo test --locked --test program view::page::picture -- --ignored
 
 # Both arms train equally long, so that the pictures differ by the prune alone.

@@ -371,7 +371,8 @@ def train(
 
     scene: a folder with COLMAP's, Blender's, instant-ngp's or nerfstudio's cameras and photos. preset: "standard", "quick" or "paper".
     output: the folder of the run's files; a temporary folder by default. resume: continue from the checkpoint of an interrupted run there. overwrite:
-    replace a finished run there.
+    replace a finished run there. The folder of a comparison or of another run's pictures is refused, and so is one with a
+    model that is no run's, unless it is the initial one.
 
     on_step gets a line of log.jsonl as a dictionary: iteration, iterations, seconds, loss (or None), gaussians, psnr if it was measured,
     rates, device_bytes. on_progress gets the stage, the steps done and their total, which never fall within a stage. Both are called in the

@@ -46,6 +46,9 @@ pub fn mebibytes(bytes: u64) -> String {
     format!("{mebi:.*} MiB", usize::from(mebi < 9.95))
 }
 
+/// Largest size in bytes: no model is larger.
+const LARGEST: f64 = 1e15;
+
 /// `5MB`: a number and a unit, of 1000 (kB, MB, GB) or 1024 (KiB, MiB, GiB), or `B`.
 pub fn file_size(text: &str) -> Result<u64, String> {
     let at = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
@@ -65,8 +68,8 @@ pub fn file_size(text: &str) -> Result<u64, String> {
     };
     let number =
         number.trim().parse::<f64>().map_err(|_| "write a number with its unit, such as 5MB or 4.5MiB".to_owned())?;
-    let bytes = Some((number * unit).floor()).filter(|b| *b >= 1.0 && *b < 1e15);
-    bytes.map(|b| b as u64).ok_or_else(|| "write a size above 0, such as 5MB, 800kB or 4.5MiB".to_owned())
+    let bytes = Some((number * unit).floor()).filter(|b| *b >= 1.0);
+    bytes.map(|b| b.min(LARGEST) as u64).ok_or_else(|| "write a size above 0, such as 5MB, 800kB or 4.5MiB".to_owned())
 }
 
 /// The refusal of a name that is not known: `'abc' is not a selector; possible values: gnso, css`. `what` has its article.
@@ -99,6 +102,15 @@ mod tests {
     fn bytes_are_told_in_the_unit_of_budgets() {
         let told = [40_000, 9 << 20, 10_450_000, 2 << 30].map(mebibytes);
         assert_eq!(told, ["0.0 MiB", "9.0 MiB", "10 MiB", "2048 MiB"]);
+    }
+
+    #[test]
+    fn sizes_have_a_least_and_no_greatest() {
+        assert_eq!((file_size("4.5MB"), file_size("1KiB")), (Ok(4_500_000), Ok(1024)));
+        assert_eq!((file_size("2000TB"), file_size("1TB")), (Ok(1_000_000_000_000_000), Ok(1_000_000_000_000)));
+        for small in ["0MB", "0.9B", "-5MB"] {
+            assert!(file_size(small).unwrap_err().contains("above 0"), "{small}");
+        }
     }
 
     #[test]

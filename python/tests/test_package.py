@@ -373,6 +373,13 @@ def test_outputs_are_checked_before_any_work(ring, tmp_path):
         with pytest.raises(ValueError, match="is a run's model, which the figures beside it describe"):
             call()
     assert not calls and (tmp_path / "model.ply").read_text() == "a run's"
+    (tmp_path / "arms").mkdir()
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "model.ply").write_text("of nobody")
+    for folder, said in ((tmp_path, "holds a comparison"), (tmp_path / "foreign", "does not belong to a run")):
+        with pytest.raises(ValueError, match=said):
+            qirf_vk.train(tmp_path, output=folder, overwrite=True)
+    assert (tmp_path / "foreign" / "model.ply").read_text() == "of nobody"
 
 
 def test_compression_and_scores_are_the_programs(trained, scene, tmp_path):

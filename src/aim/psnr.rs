@@ -16,7 +16,7 @@ pub(super) const TO_SHRINK: usize = 4;
 /// Share of a file's Gaussians by which fewer are worth an attempt.
 const CLOSE: f64 = 0.02;
 /// Attempts left for the best rung while rungs are compared.
-const TO_REFINE: usize = 5;
+const TO_REFINE: usize = 4;
 /// Share of a file's bytes that another rung must promise to save to be worth an attempt.
 const SAVING: f64 = 0.01;
 
@@ -29,13 +29,21 @@ impl<T: Trials> Search<'_, T> {
     /// Foretells the bytes at neighbouring rungs from rough attempts, and refines the best of them.
     pub(super) fn by_psnr(&mut self, wanted: f64) -> Result<Point, T::Error> {
         self.most = AT_LARGE;
+        let start = self.steps[(self.steps.len() - 1).div_ceil(3)];
+        // All Gaussians may take fewer bytes than merged ones, if they are alike.
+        let first = self.scored(start, self.whole)?;
+        let mut whole = Row::of_whole(self.last(), wanted, self.whole);
+        whole.add(first);
         let mut rows: Vec<Row> = Vec::new();
-        let mut next = Some(self.steps[(self.steps.len() - 1).div_ceil(3)]);
+        // What all Gaussians miss, fewer hardly reach.
+        let finer = self.steps.iter().copied().find(|step| *step > start && first.psnr < Some(wanted));
+        let mut next = finer.or(Some(start));
         while let Some(rung) = next {
             self.explore(rung, wanted, &mut rows)?;
             next = self.neighbour(&rows).filter(|_| self.left() > TO_REFINE || best(&rows).is_none());
         }
-        rows.extend(self.of_whole(wanted));
+        self.tried.values().for_each(|known| whole.learn(known));
+        rows.push(whole);
         if self.whole <= SMALL {
             self.most = AT_SMALL;
         }
@@ -72,7 +80,7 @@ impl<T: Trials> Search<'_, T> {
         if self.smallest(wanted).is_none() {
             self.scored(self.last(), self.whole)?;
             self.most = self.most.max(self.tried.len() + ON_A_RUNG);
-            rows.extend(self.of_whole(wanted));
+            self.learn(&mut rows);
             self.follow(wanted, &mut rows)?;
         }
         self.shrink(wanted, &mut rows)?;
@@ -166,9 +174,7 @@ impl<T: Trials> Search<'_, T> {
         let (mut by_rung, mut halves) = (true, true);
         for _ in 0..TO_SHRINK {
             let Some(point) = self.smallest(wanted) else { break };
-            for row in rows.iter_mut() {
-                self.tried.values().for_each(|known| row.learn(known));
-            }
+            self.learn(rows);
             let is_far = point.psnr > Some(wanted + FAR);
             let half = self.halved(&point, wanted, by_rung).filter(|_| is_far);
             let narrowed = self.narrowed(&point, rows);
@@ -220,15 +226,11 @@ impl<T: Trials> Search<'_, T> {
         (between as f64 >= CLOSE * point.gaussians as f64).then(|| (point.rung, first.midpoint(point.gaussians)))
     }
 
-    /// The whole model at the rungs between two steps, of which one is known to miss the target and the other to reach it.
-    fn of_whole(&self, wanted: f64) -> Option<Row> {
-        let known: Vec<&Point> = self.tried.values().filter(|point| point.gaussians == self.whole).collect();
-        let ends = known.windows(2).find(|ends| ends[0].psnr < Some(wanted) && ends[1].psnr >= Some(wanted))?;
-        let mut row = Row::of_whole(self.last(), wanted, self.whole);
-        for point in ends {
-            row.add(**point);
+    /// Adds to each row the files of it that were tried for others.
+    fn learn(&self, rows: &mut [Row]) {
+        for row in rows {
+            self.tried.values().for_each(|known| row.learn(known));
         }
-        Some(row)
     }
 
     /// The smallest of the files tried that reach the target PSNR.

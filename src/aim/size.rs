@@ -10,8 +10,18 @@ const LEAST_SHARE: f64 = 0.95;
 const SHARE: f64 = 0.983;
 /// Share of the target size from which a file is not enlarged further.
 const CLOSE: f64 = 0.992;
-/// Initial guess of the bytes of a Gaussian.
+/// Bytes of a Gaussian that are assumed until a file is known.
 const GUESS: f64 = 10.0;
+/// Bytes of a Gaussian that hardly any file is below.
+const LEAST_EACH: f64 = 1.0;
+/// Of two files that are too large, the line through both may lead down to this share of the number in proportion to the size, not
+/// further: the first merges may save few bytes.
+const DEEPEST_CUT: f64 = 0.7;
+/// Share of a rung below which the next one would exceed the size.
+const HARDLY_A_RUNG: f64 = 0.25;
+/// The whole model is tried at a coarser rung if the number of rungs down to where it should fit is at most this many times those
+/// that there are.
+const SLACK: f64 = 1.5;
 /// Growth of a file from the first rung to the last one, before two rungs are known.
 const WHOLE_LADDER: f64 = 4.0;
 
@@ -32,8 +42,7 @@ fn is_better(point: &Point, than: &Point, size: u64) -> bool {
 impl<T: Trials> Search<'_, T> {
     pub(super) fn by_size(&mut self, size: u64) -> Result<Point, T::Error> {
         let start = (self.steps.len() - 1).div_ceil(3);
-        let guess = (size as f64 - self.fixed) / GUESS;
-        let mut best = None::<Point>;
+        let mut best = self.of_whole_below(self.steps[start], size)?;
         let better = |point: &Point, best: &Option<Point>| best.is_none_or(|b| is_better(point, &b, size));
         let mut missed = false;
         for step in start..self.steps.len() {
@@ -42,7 +51,7 @@ impl<T: Trials> Search<'_, T> {
             if best.is_some_and(|b| b.rung >= rung) {
                 continue;
             }
-            let point = self.on_rung(rung, size, best.map_or(guess, |best| self.expected(&best, rung, size)))?;
+            let point = self.on_rung(rung, size, self.guess(best, rung, size))?;
             let Some(point) = point.filter(|point| better(point, &best)) else {
                 // The first cut costs most: a finer rung may make up for it.
                 if missed || best.is_none_or(|best| best.gaussians < self.whole) {
@@ -62,14 +71,11 @@ impl<T: Trials> Search<'_, T> {
                     break;
                 }
                 let rung = self.steps[step];
-                let point = self.on_rung(rung, size, best.map_or(guess, |best| self.expected(&best, rung, size)))?;
-                let Some(point) = point.filter(|point| better(point, &best)) else {
-                    if best.is_some() {
-                        break;
-                    }
-                    continue;
-                };
-                best = Some(point);
+                match self.on_rung(rung, size, self.guess(best, rung, size))? {
+                    Some(point) if better(&point, &best) => best = Some(point),
+                    Some(_) => break,
+                    None => {}
+                }
             }
         }
         match best {
@@ -79,6 +85,41 @@ impl<T: Trials> Search<'_, T> {
             }
             // One Gaussian at the coarsest rung is small enough.
             None => self.scored(0, 1),
+        }
+    }
+
+    /// The whole model at a rung where it fits, down from `rung`; none if it seems to fit nowhere.
+    fn of_whole_below(&mut self, mut rung: usize, size: u64) -> Result<Option<Point>, T::Error> {
+        if (size as f64) < LEAST_EACH * self.whole as f64 {
+            return Ok(None);
+        }
+        let mut before = u64::MAX;
+        for _ in 0..ON_A_RUNG {
+            let bytes = self.bytes(rung, self.whole)?;
+            if bytes <= size {
+                return self.on_rung(rung, size, self.whole as f64);
+            }
+            // Headers make up most of a small file: coarser settings do not help.
+            if bytes >= before {
+                break;
+            }
+            before = bytes;
+            let [taken, wanted] = [bytes as f64, SHARE * size as f64].map(|bytes| (bytes - self.fixed).max(1.0));
+            let rungs = (taken / wanted).ln() / self.growth(rung);
+            if rung == 0 || rungs > SLACK * rung as f64 {
+                break;
+            }
+            rung = rung.saturating_sub(rungs.ceil() as usize);
+        }
+        Ok(None)
+    }
+
+    /// About how many Gaussians fill the size at a rung: by the best file, or the one tried at the nearest rung.
+    fn guess(&self, best: Option<Point>, rung: usize, size: u64) -> f64 {
+        let nearest = || self.tried.values().min_by_key(|point| point.rung.abs_diff(rung)).copied();
+        match best.or_else(nearest) {
+            Some(point) => self.expected(&point, rung, size),
+            None => (size as f64 - self.fixed) / GUESS,
         }
     }
 
@@ -189,18 +230,19 @@ impl<T: Trials> Search<'_, T> {
             if low.0 == self.last() || low.1 >= CLOSE * size {
                 break;
             }
+            // Bytes grow by about the same factor from each rung to the next.
+            let growth = high.map_or_else(
+                || self.growth(low.0),
+                |(rung, bytes): (usize, f64)| (bytes / low.1).ln() / (rung - low.0) as f64,
+            );
+            let rungs = |share: f64| (share * size / low.1).ln() / growth;
+            if rungs(1.0) < HARDLY_A_RUNG {
+                break;
+            }
             let next = match high {
-                None => {
-                    let rungs = (size / low.1).ln() / self.growth(low.0);
-                    (low.0 + rungs.ceil() as usize).clamp(low.0 + 1, self.last())
-                }
+                None => (low.0 + rungs(1.0).ceil() as usize).min(self.last()),
                 Some((rung, _)) if rung <= low.0 + 1 => break,
-                // Bytes grow by about the same factor from each rung to the next.
-                Some((rung, bytes)) => {
-                    let share = (0.5 * (1.0 + CLOSE) * size / low.1).ln() / (bytes / low.1).ln();
-                    let steps = (rung - low.0) as f64;
-                    low.0 + (steps * share).round().clamp(1.0, steps - 1.0) as usize
-                }
+                Some((rung, _)) => (low.0 + rungs(0.5 * (1.0 + CLOSE)).round() as usize).clamp(low.0 + 1, rung - 1),
             };
             let here = (next, self.bytes(next, gaussians)? as f64);
             if here.1 <= size {
@@ -245,8 +287,13 @@ impl<T: Trials> Search<'_, T> {
         let more = ((wanted - best.bytes as f64) / self.each(&best)) as usize;
         let (rung, gaussians) = if (best.bytes as f64) < LEAST_SHARE * size as f64 {
             // Files of few Gaussians grow by leaps: then finer settings of the same ones fill the rest.
-            let gaussians = self.fill(best.rung, size, (best.gaussians + more) as f64)?.unwrap_or(best.gaussians);
-            (self.finest(best.rung, gaussians, size)?, gaussians)
+            let finer = self.finest(best.rung, best.gaussians, size)?;
+            if self.bytes(finer, best.gaussians)? as f64 >= LEAST_SHARE * size as f64 {
+                (finer, best.gaussians)
+            } else {
+                let gaussians = self.fill(best.rung, size, (best.gaussians + more) as f64)?.unwrap_or(best.gaussians);
+                (self.finest(best.rung, gaussians, size)?, gaussians)
+            }
         } else {
             (best.rung, (best.gaussians + more).min(self.whole))
         };
@@ -263,31 +310,45 @@ impl<T: Trials> Search<'_, T> {
     /// enough, if none is found.
     fn fill(&mut self, rung: usize, size: u64, guess: f64) -> Result<Option<usize>, T::Error> {
         let known = self.tried.range((rung, 0)..=(rung, usize::MAX)).map(|(_, p)| (p.gaussians, p.bytes as f64));
-        let (fits, exceeds): (Vec<_>, Vec<_>) = known.partition(|(_, bytes)| *bytes <= size as f64);
-        let (mut low, mut high) = (fits.last().copied(), exceeds.first().copied());
+        let mut known: Vec<(usize, f64)> = known.collect();
+        let fits = |bytes: f64| bytes <= size as f64;
         let mut next = guess;
         for _ in 0..ON_A_RUNG.min(self.left()) {
-            if high.is_some_and(|(n, _)| n == low.map_or(1, |(n, _)| n + 1)) {
+            // Files of nearly equal Gaussians may grow as these are merged: the most that fit count.
+            let at = known.iter().rposition(|(_, bytes)| fits(*bytes));
+            let (low, high) = (at.map(|at| known[at]), known.get(at.map_or(0, |at| at + 1)).copied());
+            let (first, last) = (low.map_or(1, |(n, _)| n + 1), high.map_or(self.whole, |(n, _)| n - 1));
+            if first > last {
                 break;
             }
-            let gaussians = (next.round() as usize)
-                .clamp(low.map_or(1, |(n, _)| n + 1).min(self.whole), high.map_or(self.whole, |(n, _)| n - 1).max(1));
+            let gaussians = (next.round() as usize).clamp(first, last);
             let here = (gaussians, self.bytes(rung, gaussians)? as f64);
-            if here.1 <= size as f64 {
-                low = Some(here);
-                if here.1 >= LEAST_SHARE * size as f64 || gaussians == self.whole {
-                    break;
-                }
-            } else {
-                high = Some(here);
+            known.insert(known.partition_point(|(n, _)| *n < gaussians), here);
+            if fits(here.1) && here.1 >= LEAST_SHARE * size as f64 {
+                break;
             }
-            let (from, to) = match (low, high) {
-                (Some(low), Some(high)) => (low, high),
-                _ => ((0, self.fixed.min(0.9 * here.1)), here),
-            };
-            let slope = (to.1 - from.1).max(1.0) / (to.0 - from.0) as f64;
-            next = from.0 as f64 + (SHARE * size as f64 - from.1) / slope;
+            next = self.secant(&known, size);
         }
-        Ok(low.map(|(gaussians, _)| gaussians))
+        Ok(known.iter().rev().find(|(_, bytes)| fits(*bytes)).map(|(gaussians, _)| *gaussians))
+    }
+
+    /// The number of Gaussians at which a file of about this size is expected, by those tried at a rung, in order of Gaussians: on the line
+    /// through the two that enclose the size, or through the two nearest to it.
+    fn secant(&self, known: &[(usize, f64)], size: u64) -> f64 {
+        let wanted = SHARE * size as f64;
+        let on_line = |from: (usize, f64), to: (usize, f64)| {
+            from.0 as f64 + (wanted - from.1) * (to.0 - from.0) as f64 / (to.1 - from.1).max(1.0)
+        };
+        let fitting = known.iter().rposition(|(_, bytes)| *bytes <= size as f64).map_or(0, |at| at + 1);
+        let nearest = known[fitting.min(known.len() - 1)];
+        let in_proportion = on_line((0, self.fixed.min(0.9 * nearest.1)), nearest);
+        if fitting == 0 {
+            let by_two = known.get(1).map_or(in_proportion, |second| on_line(nearest, *second));
+            by_two.min(in_proportion).max(DEEPEST_CUT * in_proportion)
+        } else if fitting < known.len() {
+            on_line(known[fitting - 1], nearest)
+        } else {
+            fitting.checked_sub(2).map_or(in_proportion, |at| on_line(known[at], nearest).max(in_proportion))
+        }
     }
 }

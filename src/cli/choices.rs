@@ -122,7 +122,8 @@ pub(super) fn first<const N: usize>(options: [(&'static str, bool); N]) -> Optio
 }
 
 /// Fields of `config.toml` that the parsers of options do not check, or not entirely, each with its option.
-const OPTIONS: [(&str, &str); 7] = [
+const OPTIONS: [(&str, &str); 8] = [
+    ("eval_every", "--eval-every"),
     ("init_count", "--init-count"),
     ("prune.compression.keep.share", "--keep"),
     ("prune.compression.keep.count", "--target-count"),

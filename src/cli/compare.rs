@@ -55,14 +55,15 @@ pub(super) struct Arguments {
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
-    choices: Choices,
-    #[command(flatten)]
     training: Training,
     #[command(flatten)]
     resources: Resources,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
+    // Behind options without a heading: its own would hold for them.
+    #[command(flatten)]
+    choices: Choices,
 }
 
 impl Arguments {

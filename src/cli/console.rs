@@ -115,9 +115,4 @@ impl Console {
         }
         bar
     }
-
-    /// Returns true if standard output is a terminal.
-    pub fn stdout_is_terminal() -> bool {
-        io::stdout().is_terminal()
-    }
 }

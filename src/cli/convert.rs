@@ -8,7 +8,7 @@ use super::style;
 use super::values;
 use super::viewer;
 use super::{Global, check_file};
-use crate::extension::has_extension;
+use crate::extension::{folder_of, has_extension};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, Precision, SpzPrecision, SpzVersion};
 use crate::job::records::Aim;
@@ -27,6 +27,7 @@ use crate::scene::{OpenOptions, Scene};
 use crate::view::alone::{Fit, PageOptions, Shell};
 use crate::wording::{counted, file_size};
 use glam::DVec3;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 const EXAMPLES: &str = "Examples:
@@ -102,8 +103,8 @@ fn spz_version(text: &str) -> Result<SpzVersion, String> {
     }
 }
 
-/// Size from which on a page begins with a picture, if a size is asked for.
-const WITH_POSTER: u64 = 300_000;
+/// Minimum ratio of the size that is asked for to the picture that a page begins with; a larger picture is left out.
+const TO_POSTER: u64 = 50;
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
@@ -114,11 +115,15 @@ impl Arguments {
         }
         let is_page = has_extension(&self.output, &["html"]);
         self.check(is_page)?;
-        // The folder of levels is made.
-        if self.lod.is_none() || self.output.exists() {
+        if self.lod.is_none() || folder_of(&self.output).is_dir() {
             check_file(&self.output)?;
         }
         let mut loaded = self.placed(read_model(&self.input, console)?, console);
+        if self.lod.is_some() {
+            let folder = folder_of(&self.output);
+            fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
+            check_file(&self.output)?;
+        }
         let style = self.rendering.style(&self.input, &loaded, None, console);
         loaded.mode = style.mode();
         let format = if is_page { self.output.with_extension("spz") } else { self.output.clone() };
@@ -157,7 +162,7 @@ impl Arguments {
             write_measured(session.as_ref(), (&loaded, style), &target, console)?
         };
         watcher.rest();
-        let bytes = std::fs::metadata(&self.output).map_or(0, |m| m.len());
+        let bytes = fs::metadata(&self.output).map_or(0, |m| m.len());
         console.note(format_args!(
             "{}: {} from {}, {bytes} bytes{cost}",
             self.output.display(),
@@ -237,7 +242,7 @@ impl Arguments {
         Ok(())
     }
 
-    /// Writes levels of detail, and says what each shows.
+    /// Writes levels of detail, reads them back, and says what each shows.
     fn write_levels(
         &self,
         session: &Session<'_>,
@@ -250,8 +255,9 @@ impl Arguments {
         let config = CompressConfig { views, style, ..CompressConfig::default() };
         let levels = levels(session, model, &config, count)?;
         formats::write_levels(&self.output, &levels, (loaded.mode, loaded.origin)).map_err(Error::writing)?;
-        for (number, level) in levels.iter().enumerate().skip(1) {
-            let scores = eval::against(session, [(level, style), (model, style)], [0.0; 3])?;
+        for number in 0..levels.len() {
+            let level = formats::read_level(&self.output, number)?;
+            let scores = eval::against(session, [(&level, style), (model, style)], [0.0; 3])?;
             let psnr = scores.mean().and_then(|mean| mean.psnr);
             let psnr = psnr.map_or_else(|| "equal pictures".to_owned(), |psnr| format!("{psnr:.1} dB"));
             console.note(format_args!("level {number}: {}, {psnr}", counted(level.len(), "Gaussian")));
@@ -273,13 +279,13 @@ impl Arguments {
         let mut options = PageOptions { title, background, style, ..PageOptions::default() };
         if let Some(path) = &self.scene {
             let scene = Scene::open(path, &OpenOptions::default())?;
-            let first = scene.views.first().map(|view| &view.camera);
+            let first = scene.views.get(scene.ahead(0)).map(|view| &view.camera);
             options.place_in(&scene, first, shift_to(&loaded.gaussians, loaded.origin, &scene));
         }
         options.up = self.up.unwrap_or(options.up);
-        let room = self.size.is_none_or(|size| size >= WITH_POSTER);
-        if let Some(session) = session.filter(|_| room) {
-            options.poster = viewer::poster(session, &loaded.gaussians, &options)?;
+        if let Some(session) = session {
+            let has_room = |uri: &String| self.size.is_none_or(|size| TO_POSTER * uri.len() as u64 <= size);
+            options.poster = viewer::poster(session, &loaded.gaussians, &options)?.filter(has_room);
         }
         Ok(options)
     }
@@ -309,9 +315,12 @@ fn write_measured(
             (packed, psnr.map_or_else(same, |psnr| format!(", {psnr:.1} dB against the original")))
         }
         _ => {
-            let packed = target.pack(model, loaded.mode, target.usual(model))?;
-            let unknown = ", loss not measured: there is no Vulkan device";
-            (packed, if model.is_empty() { "" } else { unknown }.to_owned())
+            let precision = target.precision.unwrap_or_else(|| formats::unmeasured(target.format, model));
+            let packed = target.pack(model, loaded.mode, precision)?;
+            let is_chosen = target.precision.is_none() && !matches!(precision, Precision::Fixed);
+            let chosen = if is_chosen { ", precision not chosen by pictures" } else { "" };
+            let unknown = format!("{chosen}, loss not measured: there is no Vulkan device");
+            (packed, if model.is_empty() { String::new() } else { unknown })
         }
     };
     target.write(Some(packed), model, loaded.mode)?;

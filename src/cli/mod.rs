@@ -349,6 +349,20 @@ mod tests {
         assert_eq!(listed, there);
     }
 
+    /// A heading of flattened options holds for all options behind them.
+    #[test]
+    fn a_command_s_own_options_have_no_heading() {
+        fn check(command: &clap::Command) {
+            for arg in
+                command.get_arguments().filter(|arg| ["json", "overwrite", "resume"].contains(&arg.get_id().as_str()))
+            {
+                assert_eq!(arg.get_help_heading(), None, "{} --{}", command.get_name(), arg.get_id());
+            }
+            command.get_subcommands().for_each(check);
+        }
+        check(&command());
+    }
+
     #[test]
     fn an_interrupted_command_says_what_is_kept() {
         for (line, kept) in [

@@ -4,6 +4,7 @@ use crate::extension::has_extension;
 use crate::gaussians::formats;
 use crate::job::Error;
 use crate::job::earlier::spare_model;
+use crate::job::output::run_of_pictures;
 use std::path::Path;
 
 /// Refuses a file, or standard output, where a folder for results is wanted.
@@ -19,8 +20,8 @@ pub(super) fn check_folder(output: &Path) -> Result<(), Error> {
 
 /// Refuses a folder of results that is a run's, or its folder of pictures.
 pub(super) fn check_no_run(output: &Path) -> Result<(), Error> {
-    let pictures = output.file_name().is_some_and(|name| name == "renders").then(|| output.parent()).flatten();
-    match pictures.into_iter().chain([output]).find(|folder| folder.join("config.toml").is_file()) {
+    let own = Some(output).filter(|folder| folder.join("config.toml").is_file());
+    match run_of_pictures(output).or(own) {
         Some(run) => Err(holds_run(run)),
         None => check_folder(output),
     }
@@ -39,13 +40,4 @@ pub(super) fn check_model(output: &Path) -> Result<(), Error> {
         return Err(Error::Usage(format!("{}: {what}", output.display())));
     }
     formats::check_output(output).map_err(Error::writing)
-}
-
-/// Refuses the folder of a comparison, whose checkpoint is no run's.
-pub(super) fn check_no_comparison(output: &Path) -> Result<(), Error> {
-    if ["compare.json", "arms"].iter().any(|part| output.join(part).exists()) {
-        let what = "holds a comparison and its figures; name another folder";
-        return Err(Error::Usage(format!("-o {} {what}", output.display())));
-    }
-    Ok(())
 }

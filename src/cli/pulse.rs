@@ -104,7 +104,7 @@ impl Job {
 }
 
 impl State {
-    /// Where a stage is; between two stages, which one was the last, and the time so far.
+    /// Where a stage is; between two stages, which one was the last, and the time since the start.
     fn line(&self, now: Instant) -> String {
         let seconds = |since: Instant| now.saturating_duration_since(since).as_secs_f64();
         let (stage, done, total) = self.steps;
@@ -112,7 +112,7 @@ impl State {
             let (first, from) = self.first;
             return line(self.steps, done.saturating_sub(from) as f64 / seconds(first), &self.message);
         }
-        let last = if stage.is_empty() { "working".to_owned() } else { format!("{stage} {done}/{total}") };
+        let last = if stage.is_empty() { "working".to_owned() } else { format!("{stage} done, working") };
         format!("{last}  {:.0} s so far", seconds(self.begun))
     }
 }
@@ -157,7 +157,7 @@ mod tests {
         pulse.beat(("photos", 3, 9), "half");
         assert_eq!([next("photos"), next("photos")], ["photos 3/9  half"; 2]);
         pulse.beat(("photos", 9, 9), "");
-        assert!(next("photos 9/9").ends_with(" s so far"));
+        assert!(next("photos done, working").ends_with(" s so far"));
         pulse.end();
         while said.try_recv().is_ok() {}
         assert!(matches!(said.recv_timeout(Duration::from_millis(20)), Err(mpsc::RecvTimeoutError::Disconnected)));

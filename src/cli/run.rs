@@ -4,7 +4,6 @@ use super::choices::{Choices, checked};
 use super::compress::outcome;
 use super::console::Console;
 use super::diagnostics::{self, Recorder};
-use super::outputs::check_no_comparison;
 use super::pose::{Posing, warn};
 use super::resources::Resources;
 use super::show::Show;
@@ -12,7 +11,7 @@ use super::training::Training;
 use super::view::{self, Watched};
 use super::{Global, check_file, check_folder, tell_of_missing, viewer};
 use crate::gaussians::formats;
-use crate::job::output::{bytes_on_disk, same_place};
+use crate::job::output::{bytes_on_disk, check_run_folder, same_place};
 use crate::job::records::{Aim, CompressRecord, RunRecord, ViewScores};
 use crate::job::{Earlier, Error, Init, Output, RunConfig, Session, Silent, earlier};
 use crate::pipeline::compress::fit::Target;
@@ -56,8 +55,6 @@ pub(super) struct Arguments {
     /// Train a dense model, and do not prune it
     #[arg(long, conflicts_with_all = ["Choices", "schedule"])]
     no_prune: bool,
-    #[command(flatten)]
-    choices: Choices,
     /// Continue from the folder's checkpoint, if there is one
     #[arg(long)]
     resume: bool,
@@ -100,12 +97,15 @@ pub(super) struct Arguments {
     /// Print progress as lines of JSON on standard output, the same as in the folder's log.jsonl, and nothing else
     #[arg(long, conflicts_with = "json")]
     json_progress: bool,
+    // Behind options without a heading: its own would hold for them.
+    #[command(flatten)]
+    choices: Choices,
 }
 
 impl Arguments {
     pub fn run(&self, console: &Console, global: &Global) -> Result<(), Error> {
         check_folder(&self.output)?;
-        check_no_comparison(&self.output)?;
+        check_run_folder(&self.output)?;
         self.watched.check()?;
         let mut config = self.configuration(console)?;
         if global.tuning.is_some() {
@@ -113,7 +113,7 @@ impl Arguments {
         }
         let input = Self::without_poses(&config, console)?;
         let recorder = self.recorder(&config)?;
-        let output = Output::claim(&self.output)?;
+        let output = Output::for_run(&self.output, &config.init)?;
         if self.size.is_some() {
             check_file(&output.packed())?;
         }
@@ -123,14 +123,6 @@ impl Arguments {
         }
         if found == Earlier::Finished && !self.resume && !self.overwrite {
             return Err(Error::Finished(self.output.clone()));
-        }
-        let begins = matches!(&config.init, Init::Model(initial) if formats::refuse_overwrite(initial, &output.model()).is_err());
-        if output.model().exists() && !output.config().exists() && !begins {
-            let model = output.model();
-            return Err(Error::Usage(format!(
-                "{} does not belong to a run and would be overwritten; name another folder",
-                model.display()
-            )));
         }
         let mut watcher = Show::new(console);
         watcher.record(recorder);
@@ -161,6 +153,7 @@ impl Arguments {
         }
         watcher.rest();
         tell_of_missing(&networks, console);
+        self.tell_of_diagnostics(&record, console);
         let packed = self.size.map(|size| pack(&session, [&config, &decided], (&output, size), console)).transpose()?;
         output.complete();
         watcher.printed()?;
@@ -198,6 +191,17 @@ impl Arguments {
             taken.push(initial);
         }
         Recorder::of_run(file, &taken, &self.output).map(Some)
+    }
+
+    /// Tells why there are no diagnostics, where they were asked for.
+    fn tell_of_diagnostics(&self, record: &RunRecord, console: &Console) {
+        let Some(file) = &self.diagnostics else { return };
+        let cause = match (record.prunes.is_empty(), file.exists()) {
+            (true, _) => "the model was not pruned",
+            (false, false) => "the model was pruned in an earlier part of the run",
+            (false, true) => return,
+        };
+        console.note(format_args!("{} is not written: {cause}", file.display()));
     }
 
     fn configuration(&self, console: &Console) -> Result<RunConfig, Error> {

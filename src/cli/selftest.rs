@@ -6,6 +6,7 @@ use crate::gpu::{Device, DeviceKind};
 use crate::job::Error;
 use crate::selftest::{self, Case, Check, News, ROUNDING, Verdict};
 use serde_json::json;
+use std::io::{self, IsTerminal};
 use std::thread;
 use std::time::Instant;
 
@@ -121,7 +122,7 @@ fn row(console: &Console, check: &Check) -> String {
         Verdict::Rounding => ("33", "rounding"),
         Verdict::Wrong => ("1;31", "WRONG"),
     };
-    let verdict = console.paint(code, word, Console::stdout_is_terminal());
+    let verdict = console.paint(code, word, io::stdout().is_terminal());
     let problem = check.problem.as_ref().map(|p| format!("  {p}")).unwrap_or_default();
     format!("{:<13} {:<44} {seen:>9} {:>9}  {verdict}{problem}", check.room, check.name, number(check.allowed))
 }

@@ -63,14 +63,15 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "AXIS", value_parser = values::up, allow_hyphen_values = true)]
     up: Option<DVec3>,
     #[command(flatten)]
-    choices: Choices,
-    #[command(flatten)]
     training: Training,
     #[command(flatten)]
     resources: Resources,
     /// Print the figures as JSON on standard output
     #[arg(long)]
     json: bool,
+    // Behind options without a heading: its own would hold for them.
+    #[command(flatten)]
+    choices: Choices,
     // True as soon as the folder has figures of this sweep.
     #[arg(skip)]
     measured: Cell<bool>,

@@ -39,7 +39,7 @@ pub(super) struct Training {
     /// Number of random points, with --init random or where a scene has too few points [default: by picture size]
     #[arg(long, value_name = "N", help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..))]
     init_count: Option<u32>,
-    /// Largest number of Gaussians
+    /// Largest number of Gaussians that a run grows to; an initial model is not cut to it
     #[arg(long, value_name = "N", default_value_t = 4_000_000, help_heading = "Training", value_parser = clap::value_parser!(u32).range(1..=MOST_GAUSSIANS as i64))]
     max_gaussians: u32,
     /// Number of Gaussians to which the model grows before the prune. auto: a number computed from the photos' pixels and the
@@ -178,6 +178,14 @@ impl Training {
 
     fn overrides(&self) -> Result<Overrides, Error> {
         let mut out = self.preset.effects();
+        for (at, (effect, choice)) in self.effect.iter().enumerate() {
+            let other = self.effect[..at].iter().find(|(named, other)| named == effect && other != choice);
+            if let Some((_, other)) = other {
+                let (name, what) = (effect.name(), "contradict each other; leave out one");
+                return Err(Error::Usage(format!("--effect {name}={other} and --effect {name}={choice} {what}")));
+            }
+            out.set(*effect, *choice);
+        }
         let choice = |on: bool| if on { Choice::On } else { Choice::Off };
         let own = [
             (Effect::Antialias, self.antialias.map(choice), "--antialias"),
@@ -197,9 +205,32 @@ impl Training {
                 out.set(effect, asked);
             }
         }
-        for (effect, choice) in &self.effect {
-            out.set(*effect, *choice);
-        }
         Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Alone {
+        #[command(flatten)]
+        training: Training,
+    }
+
+    #[test]
+    fn an_option_of_its_own_goes_before_auto_and_contradictions_are_refused() {
+        let overrides = |words: &[&str]| Alone::parse_from([&["run"], words].concat()).training.overrides();
+        let forced = |words: &[&str], effect| overrides(words).unwrap().forced(effect);
+        assert_eq!(forced(&["--antialias", "--effect", "antialias=auto"], Effect::Antialias), Some(true));
+        let degree = ["--sh-degree", "2", "--effect", "view_dependence=auto"];
+        assert_eq!(forced(&degree, Effect::ViewDependence), Some(true));
+        assert_eq!(forced(&["--effect", "exposure=on", "--effect", "exposure=on"], Effect::Exposure), Some(true));
+        let Err(Error::Usage(what)) = overrides(&["--effect", "exposure=on", "--effect", "exposure=off"]) else {
+            panic!("two choices for one effect");
+        };
+        assert!(what.starts_with("--effect exposure=on and --effect exposure=off contradict each other"), "{what}");
     }
 }

@@ -63,6 +63,6 @@ fn scene(selection: &Selection) -> Result<(Scene, Option<Camera>), Error> {
     scene.require_photos()?;
     let first = scene.split(selection.eval_every).test.first().copied().unwrap_or(0);
     let resize = selection.resize().map_err(Error::Usage)?;
-    let camera = scene.views.get(first).map(|view| view.camera_at(resize));
+    let camera = scene.views.get(scene.ahead(first)).map(|view| view.camera_at(resize));
     Ok((scene, camera))
 }

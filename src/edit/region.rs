@@ -1,7 +1,7 @@
 //! Regions of space that crops keep.
 
 use super::Error;
-use crate::scene::camera::Camera;
+use crate::scene::View;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -22,11 +22,11 @@ pub enum Region {
         /// Its radius in world units.
         radius: f64,
     },
-    /// Positions in the view of at least this many cameras, occluded or not.
+    /// Positions that at least this many photos show, occluded or not.
     Views {
-        /// The cameras.
-        cameras: Vec<Camera>,
-        /// Minimum number of cameras that see a position.
+        /// The views of each photo: several where it is cut into faces.
+        photos: Vec<Vec<View>>,
+        /// Minimum number of photos that show a position.
         least: usize,
     },
 }
@@ -59,8 +59,9 @@ impl Region {
         match self {
             Self::Box { low, high } => point.cmpge(*low).all() && point.cmple(*high).all(),
             Self::Sphere { centre, radius } => point.distance_squared(*centre) <= radius * radius,
-            Self::Views { cameras, least } => {
-                cameras.iter().filter(|camera| camera.shows(point)).take(*least).count() >= *least
+            Self::Views { photos, least } => {
+                let show = |photo: &&Vec<View>| photo.iter().any(|view| view.shows(point));
+                photos.iter().filter(show).take(*least).count() >= *least
             }
         }
     }
@@ -78,6 +79,8 @@ impl Region {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::camera::Camera;
+    use crate::scene::lens::{Lens, LensModel};
 
     #[test]
     fn regions_hold_their_border_and_no_nan() {
@@ -91,13 +94,20 @@ mod tests {
     }
 
     #[test]
-    fn views_hold_what_enough_cameras_have_in_their_pictures() {
-        let at = |eye: DVec3| Camera::look_at(eye, DVec3::ZERO, DVec3::Y, 0.5, 40, 40);
-        let cameras = vec![at(DVec3::new(0.0, 0.0, -4.0)), at(DVec3::new(4.0, 0.0, 0.0))];
-        let [one, two, three] = [1, 2, 3].map(|least| Region::Views { cameras: cameras.clone(), least });
+    fn views_hold_what_enough_photos_show() {
+        let lens = Lens::from_colmap(LensModel::SimplePinhole, 40, 40, &[80.0, 20.0, 20.0]).unwrap();
+        let at = |eye: DVec3| {
+            let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Y, 0.5, 40, 40);
+            View::new(String::new(), lens, (camera.rotation, camera.translation))
+        };
+        let views = [at(DVec3::new(0.0, 0.0, -4.0)), at(DVec3::new(4.0, 0.0, 0.0))];
+        let photos: Vec<Vec<View>> = views.iter().map(|view| vec![view.clone()]).collect();
+        let [one, two, three] = [1, 2, 3].map(|least| Region::Views { photos: photos.clone(), least });
         let beside_one = DVec3::new(0.0, 0.0, 2.0); // behind the middle for the first, aside for the second
         assert!(one.holds(DVec3::ZERO) && two.holds(DVec3::ZERO) && !three.holds(DVec3::ZERO));
         assert!(one.holds(beside_one) && !two.holds(beside_one));
         assert!(!one.holds(DVec3::new(0.0, 0.0, -9.0)), "behind the first camera");
+        let of_one_photo = Region::Views { photos: vec![views.to_vec()], least: 2 };
+        assert!(!of_one_photo.holds(DVec3::ZERO));
     }
 }

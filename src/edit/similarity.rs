@@ -7,6 +7,9 @@ use glam::{DMat3, DQuat, DVec3, DVec4};
 /// Largest difference of a matrix from a similarity, as a share of its scale: files have six digits or more.
 const TOLERANCE: f64 = 1e-4;
 
+/// Largest deviation of the first three numbers of a matrix's fourth row from 0: rounding of the program that wrote it.
+const NOISE: f64 = 1e-9;
+
 /// The map x -> scale * rotation * x + translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
@@ -72,8 +75,8 @@ impl Similarity {
         Ok(Self { rotation: DMat3::from_quat(DQuat::from_vec4(found.ok_or_else(refused)?)), ..Self::IDENTITY })
     }
 
-    /// The similarity of a matrix of 3 x 4 or 4 x 4 numbers, row by row; the fourth row is 0, 0, 0, 1. Six digits suffice: a
-    /// remaining shear is removed.
+    /// The similarity of a matrix of 3 x 4 or 4 x 4 numbers, row by row; the fourth row is 0, 0, 0, 1, but for rounding.
+    /// Six digits suffice: a remaining shear is removed.
     ///
     /// # Errors
     /// [`Error::Numbers`] for another count, a number that is not finite, or another fourth row; [`Error::NotSimilar`].
@@ -87,12 +90,15 @@ impl Similarity {
         if let Some(bad) = numbers.iter().find(|x| !x.is_finite()) {
             return Err(Error::Numbers(format!("{bad} is not a valid matrix entry: give finite numbers")));
         }
-        if numbers.get(12..).is_some_and(|last| !last.is_empty() && last != [0.0, 0.0, 0.0, 1.0]) {
+        let mut last = numbers.iter().skip(12).zip([(0.0, NOISE), (0.0, NOISE), (0.0, NOISE), (1.0, TOLERANCE)]);
+        if last.any(|(number, (due, most))| (number - due).abs() > most) {
             return Err(Error::Numbers("the fourth row of a matrix is 0, 0, 0, 1: give it row by row".into()));
         }
-        let row = |i: usize| DVec3::new(numbers[4 * i], numbers[4 * i + 1], numbers[4 * i + 2]);
+        // Coordinates are homogeneous.
+        let weight = numbers.get(15).copied().unwrap_or(1.0);
+        let row = |i: usize| DVec3::new(numbers[4 * i], numbers[4 * i + 1], numbers[4 * i + 2]) / weight;
         let linear = DMat3::from_cols(row(0), row(1), row(2)).transpose();
-        let translation = DVec3::new(numbers[3], numbers[7], numbers[11]);
+        let translation = DVec3::new(numbers[3], numbers[7], numbers[11]) / weight;
         let lengths = [linear.x_axis.length(), linear.y_axis.length(), linear.z_axis.length()];
         let scale = (lengths.iter().map(|l| l * l).sum::<f64>() / 3.0).sqrt();
         if !(scale.is_finite() && scale > 0.0) {
@@ -243,8 +249,12 @@ mod tests {
         let small = rows(DMat3::from_diagonal(DVec3::new(1e-7, 1e-7, 1.5e-7)), [0.0; 3]);
         let said = Similarity::of_matrix(&small).unwrap_err().to_string();
         assert!(said.contains("1.00000e-7, 1.00000e-7 and 1.50000e-7"), "{said}");
-        for bad in [vec![1.0; 15], vec![f64::NAN; 12], [rounded.clone(), vec![0.0, 0.0, 0.0, 2.0]].concat()] {
-            assert!(matches!(Similarity::of_matrix(&bad), Err(Error::Numbers(_))), "{bad:?}");
+        let with_last = |last: [f64; 4]| [rounded.as_slice(), &last].concat();
+        let inverted = Similarity::of_matrix(&with_last([1e-17, 0.0, -1e-17, 1.0 + 1e-15])).unwrap();
+        near(inverted.point(DVec3::ONE), read.point(DVec3::ONE));
+        let beyond = [[0.0, 0.0, 0.0, 2.0], [1e-8, 0.0, 0.0, 1.0]].map(with_last);
+        for bad in [vec![1.0; 15], vec![f64::NAN; 12]].iter().chain(&beyond) {
+            assert!(matches!(Similarity::of_matrix(bad), Err(Error::Numbers(_))), "{bad:?}");
         }
         let text = "[[0, -1, 0, 1],\n[1 0;0,2e0],[0,0,1,-3]]";
         assert_eq!(Similarity::of_text(text).unwrap().point(DVec3::X), DVec3::new(1.0, 3.0, -3.0));

@@ -63,8 +63,7 @@ mod tests {
 
     #[test]
     fn each_kind_is_told_by_its_values() {
-        let mut model = Gaussians::zeroed(5, 1);
-        model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+        let mut model = Gaussians::balls(vec![[0.0; 3]; 5], 0.0, 0.0, 1);
         model.opacity_logits = vec![-5.6, -5.5, 0.0, 20.0, f32::NAN]; // 1/255 is -5.537
         assert_eq!(Unwanted::Invisible.kept(&model), [false, true, true, true, false]);
         assert_eq!(at_least(&model, 0.5), [false, false, true, true, false]);

@@ -260,6 +260,11 @@ fn remedy((cause, left): (Cause, f64)) -> String {
                 "with the cameras' y and z flipped, the poses fit to {left:.1} px: they have OpenGL's axes, not COLMAP's"
             )
         }
+        Cause::Read(Reading::ScalarLast) => {
+            format!(
+                "with quaternions in the order x y z w, the poses fit to {left:.1} px: write them in the order w x y z"
+            )
+        }
         Cause::Focal(factor) => format!("with focal lengths {factor:.3} times as long, they fit to {left:.1} px"),
     }
 }
@@ -269,6 +274,9 @@ fn changed(change: Change) -> &'static str {
     match change {
         Change::Read(Reading::CameraToWorld) => "the poses seem to be inverted (camera to world, or world to camera)",
         Change::Read(Reading::OpenGl) => "the cameras' y and z axes seem to be flipped",
+        Change::Read(Reading::ScalarLast) => {
+            "the poses' quaternions seem to be in the order x y z w (write them in the order w x y z)"
+        }
         Change::Mirrored => "the photos seem to be mirrored, left to right (give the photos that were posed)",
         Change::Turned => "the photos seem to be turned by 180° (give the photos that were posed)",
         Change::Next => "the names seem to be off by one (each photo shows what the pose before its own sees)",

@@ -37,9 +37,10 @@ pub enum Change {
 
 impl Change {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Read(Reading::CameraToWorld),
         Self::Read(Reading::OpenGl),
+        Self::Read(Reading::ScalarLast),
         Self::Mirrored,
         Self::Turned,
         Self::Next,

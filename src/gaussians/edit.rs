@@ -279,8 +279,7 @@ mod tests {
 
     #[test]
     fn models_from_arrays_are_checked() {
-        let mut model = Gaussians::zeroed(3, 1);
-        model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+        let mut model = Gaussians::balls(vec![[0.0; 3]; 3], 0.0, 0.0, 1);
         model.log_scales[2] = [29.9, -200.0, 0.0];
         assert_eq!(model.clone().checked().unwrap(), model);
         let mut short = model.clone();

@@ -69,20 +69,6 @@ pub fn through_normalisation(d: DVec3, r: f64, dl_dd: DVec3) -> DVec3 {
 mod tests {
     use super::*;
 
-    #[test]
-    fn gradient_is_the_difference_quotient() {
-        let d = DVec3::new(0.3, -0.7, 0.55);
-        let gradient = basis_gradient(d);
-        let h = 1e-6;
-        for axis in DVec3::AXES {
-            let (up, down) = (basis(d + axis * h), basis(d - axis * h));
-            for k in 0..COEFFICIENTS {
-                let quotient = (up[k] - down[k]) / (2.0 * h);
-                assert!((quotient - gradient[k].dot(axis)).abs() < 1e-9, "coefficient {k} by {axis}");
-            }
-        }
-    }
-
     /// The integral of Y_i Y_j over the sphere is delta_ij (midpoint rule in z, hence the tolerance).
     #[test]
     fn basis_is_orthonormal() {

@@ -2,6 +2,7 @@
 
 use super::config::RunConfig;
 use super::output::Output;
+use super::records::ViewScores;
 use crate::job::Error;
 use crate::train::checkpoint::Snapshot;
 use std::path::Path;
@@ -50,8 +51,17 @@ pub fn of_model(model: &Path) -> Result<Option<RunConfig>, Error> {
 
 /// The background of the figures of the finished run in a folder, if it has any.
 pub fn scored_on(run: &Path) -> Option<[f32; 3]> {
-    let metrics: serde_json::Value = serde_json::from_slice(&std::fs::read(run.join("metrics.json")).ok()?).ok()?;
-    serde_json::from_value(metrics["protocol"]["background"].clone()).ok()
+    serde_json::from_value(figures(run)?["protocol"]["background"].clone()).ok()
+}
+
+/// Names of the held-out views in the figures of the finished run in a folder, if it has any.
+pub fn views(run: &Path) -> Option<Vec<String>> {
+    let views: Vec<ViewScores> = serde_json::from_value(figures(run)?["views"].clone()).ok()?;
+    Some(views.into_iter().map(|view| view.name).collect())
+}
+
+fn figures(run: &Path) -> Option<serde_json::Value> {
+    serde_json::from_slice(&std::fs::read(run.join("metrics.json")).ok()?).ok()
 }
 
 /// Refuses to replace the model of a run, which its figures describe.

@@ -1,7 +1,7 @@
 //! Paths of a job's files, and the lock of their folder.
 
 use crate::gaussians::formats;
-use crate::job::Error;
+use crate::job::{Error, Init};
 use crate::lock::{Attempt, attempt};
 use serde::Serialize;
 use std::fs::File;
@@ -61,6 +61,24 @@ impl Output {
         Ok(Self { _lock: lock, ..Self::new(folder)? })
     }
 
+    /// Opens the folder of a run that begins with `init`, as [`Output::claim`] does, where no other results are lost.
+    ///
+    /// # Errors
+    /// The errors of [`check_run_folder`] and of [`Output::claim`]; [`Error::Usage`] for a model that is neither a run's nor `init`.
+    pub fn for_run(folder: &Path, init: &Init) -> Result<Self, Error> {
+        check_run_folder(folder)?;
+        let output = Self::claim(folder)?;
+        let model = output.model();
+        let begins = matches!(init, Init::Model(initial) if formats::refuse_overwrite(initial, &model).is_err());
+        if model.exists() && !output.config().exists() && !begins {
+            return Err(Error::Usage(format!(
+                "{} does not belong to a run and would be overwritten; name another folder",
+                model.display()
+            )));
+        }
+        Ok(output)
+    }
+
     /// Opens a folder, created if absent. Temporary files that a killed program left there are removed.
     pub fn new(folder: &Path) -> Result<Self, Error> {
         create(folder)?;
@@ -101,6 +119,28 @@ pub fn check_file(file: &Path) -> Result<(), Error> {
         return Err(Error::Usage(format!("{} is a folder; name a file", file.display())));
     }
     formats::check_place(file).map_err(Error::writing)
+}
+
+/// Refuses the folder of a comparison, and another run's folder of pictures, for a run.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn check_run_folder(folder: &Path) -> Result<(), Error> {
+    let holds = if ["compare.json", "arms"].iter().any(|part| folder.join(part).exists()) {
+        "a comparison and its figures"
+    } else if run_of_pictures(folder).is_some() {
+        "the pictures of another run"
+    } else {
+        return Ok(());
+    };
+    Err(Error::Usage(format!("{} holds {holds}; name another folder", folder.display())))
+}
+
+/// The run whose pictures are in `folder`, if there is one.
+pub fn run_of_pictures(folder: &Path) -> Option<&Path> {
+    let inner = folder.ends_with("renders/photos") || folder.ends_with("renders/dense");
+    let renders = if inner { folder.parent()? } else { folder };
+    renders.parent().filter(|run| renders.ends_with("renders") && run.join("config.toml").is_file())
 }
 
 fn create(folder: &Path) -> Result<(), Error> {
@@ -166,5 +206,30 @@ mod tests {
         drop(claimed);
         assert!(Output::claim(folder.path()).is_ok());
         assert!(!left.exists());
+    }
+
+    #[test]
+    fn a_run_leaves_other_results_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let refused = |name: &str, init: &Init| match Output::for_run(&at(name), init) {
+            Err(Error::Usage(what)) => what,
+            opened => panic!("{name}: {:?}", opened.map(|output| output.folder().to_owned())),
+        };
+        for name in ["compared/arms", "foreign", "run/renders/photos"] {
+            std::fs::create_dir_all(at(name)).unwrap();
+        }
+        File::create(at("foreign/model.ply")).unwrap();
+        File::create(at("run/config.toml")).unwrap();
+        assert!(refused("compared", &Init::Points).contains("holds a comparison"));
+        assert!(refused("foreign", &Init::Points).contains("model.ply does not belong to a run"));
+        for pictures in ["run/renders", "run/renders/photos", "run/renders/dense"] {
+            assert!(refused(pictures, &Init::Points).contains("holds the pictures of another run"));
+        }
+        assert!(!at("run/renders/dense").exists());
+        assert!(Output::for_run(&at("foreign"), &Init::Model(at("foreign/model.ply"))).is_ok());
+        for name in ["run", "new/renders"] {
+            assert!(Output::for_run(&at(name), &Init::Points).is_ok(), "{name}");
+        }
     }
 }

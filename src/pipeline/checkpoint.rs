@@ -7,6 +7,7 @@ use crate::scene::Names;
 use crate::train::checkpoint::{OWN_NOTES, Snapshot};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
@@ -40,21 +41,9 @@ pub struct RunNotes {
 impl RunNotes {
     /// Text by name: `config` unchanged, all else as JSON.
     fn to_text(&self) -> serde_json::Result<HashMap<String, String>> {
-        Ok([
-            ("config", self.config.clone()),
-            ("curve", serde_json::to_string(&self.curve)?),
-            ("prunes", serde_json::to_string(&self.prunes)?),
-            ("seconds", serde_json::to_string(&self.seconds)?),
-            ("elapsed", serde_json::to_string(&self.elapsed)?),
-            ("peak", serde_json::to_string(&self.peak)?),
-            ("estimated", serde_json::to_string(&self.estimated)?),
-            ("initial", serde_json::to_string(&self.initial)?),
-            ("photos", serde_json::to_string(&self.photos)?),
-            ("contents", serde_json::to_string(&self.contents)?),
-            ("trial", serde_json::to_string(&self.trial)?),
-        ]
-        .map(|(name, text)| (name.to_owned(), text))
-        .into())
+        let notes = serde_json::to_value(self)?;
+        let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        Ok(notes.as_object().into_iter().flatten().map(|(name, value)| (name.clone(), text(value))).collect())
     }
 
     /// The difference of the photos, those to train on and the contents of all, from those of the run so far, if there is one: its
@@ -97,20 +86,8 @@ impl RunNotes {
             contents: notes.get("contents").map_or(Ok(BTreeMap::new()), |text| json("contents", text))?,
             trial: notes.get("trial").map_or(Ok(None), |text| json("trial", text))?,
         };
-        let known = [
-            "config",
-            "curve",
-            "prunes",
-            "seconds",
-            "elapsed",
-            "peak",
-            "estimated",
-            "initial",
-            "photos",
-            "contents",
-            "trial",
-        ];
-        match notes.keys().find(|name| !known.contains(&name.as_str()) && !OWN_NOTES.contains(&name.as_str())) {
+        let known = Self::default().to_text().unwrap_or_default();
+        match notes.keys().find(|name| !known.contains_key(*name) && !OWN_NOTES.contains(&name.as_str())) {
             Some(name) => Err(format!("the note '{name}' is unknown")),
             None => Ok(read),
         }

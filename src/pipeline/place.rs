@@ -4,8 +4,10 @@ use crate::edit::Region;
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{Format, Loaded};
 use crate::job::Error;
-use crate::scene::{OpenOptions, Resize, Scene, origin};
+use crate::scene::{OpenOptions, Scene, View, origin};
+use crate::wording::counted;
 use glam::DVec3;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Moves the means of a model from the local origin `from` to a scene's.
@@ -74,20 +76,23 @@ pub fn doubt(loaded: &Loaded, scene: &Scene) -> Option<&'static str> {
     is_guess.then_some(warning)
 }
 
-/// The positions, in the coordinates of a model with the local origin `from`, that at least `least` of a scene's cameras show.
+/// The positions, in the coordinates of a model with the local origin `from`, that at least `least` of a scene's photos show.
 ///
 /// # Errors
-/// [`Error::Usage`] if the scene has fewer cameras.
+/// [`Error::Usage`] if the scene has fewer photos.
 pub fn seen(model: &Gaussians, from: [f64; 3], scene: &Scene, least: usize) -> Result<Region, Error> {
-    let (shift, there) = (shift_to(model, from, scene), scene.views.len());
-    if least > there {
-        let root = scene.root.display();
-        return Err(Error::Usage(format!(
-            "a crop by at least {least} views: {root} has {there} views; lower --least-views"
-        )));
+    let shift = shift_to(model, from, scene);
+    let mut photos: BTreeMap<&str, Vec<View>> = BTreeMap::new();
+    for view in &scene.views {
+        let mut moved = view.clone();
+        moved.camera = view.camera.relative_to(shift);
+        photos.entry(view.photo_name()).or_default().push(moved);
     }
-    let cameras = scene.views.iter().map(|view| view.camera_at(Resize::Full).relative_to(shift)).collect();
-    Ok(Region::Views { cameras, least })
+    if least > photos.len() {
+        let (root, [wanted, there]) = (scene.root.display(), [least, photos.len()].map(|n| counted(n, "photo")));
+        return Err(Error::Usage(format!("a crop by at least {wanted}: {root} has {there}; lower --least-views")));
+    }
+    Ok(Region::Views { photos: photos.into_values().collect(), least })
 }
 
 /// The local origin to subtract from cameras around `centre` that look at a model with this local origin: zero if the cameras are

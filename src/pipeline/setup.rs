@@ -1,6 +1,8 @@
 //! The setup that runs share: checkpoint, scene, estimate of memory, photos, effects.
 
 use super::checkpoint::Checkpoint;
+use super::evaluate::exhibits::exhibits;
+use super::evaluate::pictures::{self, Format};
 use super::prepare::{Prepared, open_to_train, refuse_photo_folders};
 use super::start::Start;
 use super::trial::trial;
@@ -11,7 +13,7 @@ use crate::job::output::same_place;
 use crate::job::records::Trial;
 use crate::job::{Error, Init, Output, RunConfig, Session, Watcher, earlier};
 use crate::train::Exposures;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// A scene ready to train on, with the data that its runs share.
@@ -128,7 +130,8 @@ impl<'a> Setup<'a> {
             // Figures of an earlier run in this folder would mark this one as finished, and what was made from them would lie beside
             // another model.
             let initial = if let Init::Model(path) = &self.config.init { path.as_path() } else { Path::new("") };
-            for file in [output.metrics(), output.report(), output.packed()] {
+            let files = [output.metrics(), output.report(), output.packed()];
+            for file in pictures_of_earlier(output).into_iter().chain(files) {
                 if !same_place(&file, initial) {
                     let _ = std::fs::remove_file(file);
                 }
@@ -163,6 +166,15 @@ pub fn tuned(session: &Session<'_>, config: &RunConfig, output: &Output, resume:
         session.watcher.note(&format!("the run began on another device: {e}; results will differ in their last bits"));
         session.device.clone()
     }))
+}
+
+/// The pictures of the run whose figures are in this folder.
+fn pictures_of_earlier(output: &Output) -> Vec<PathBuf> {
+    let views = earlier::views(output.folder()).unwrap_or_default();
+    let names: Vec<&str> = views.iter().map(String::as_str).collect();
+    let drawn = pictures::names(names.iter().copied(), Format::Png.extension());
+    let shown = exhibits(&names).into_iter().flat_map(|exhibit| [exhibit.photo, exhibit.dense]);
+    drawn.into_iter().chain(shown).map(|picture| output.renders().join(picture)).collect()
 }
 
 fn checkpoint(output: &Output, watcher: &dyn Watcher) -> Result<Option<Checkpoint>, Error> {

@@ -30,7 +30,7 @@ pub enum Start {
 impl Start {
     /// The initial state that the configuration selects for a scene and training pictures of at most `pixels` pixels. A model is moved to
     /// the scene's coordinates, and loses its SH bands above the degree that was asked for, with a note; points that are too few, or show too little,
-    /// are replaced by random ones.
+    /// are replaced by random ones. Where there are more than the configuration allows, a note says what becomes of them.
     ///
     /// # Errors
     /// A model that cannot be read; [`Error::Usage`] for a number of random points in a run that begins with others.
@@ -47,10 +47,22 @@ impl Start {
                 if let Some(note) = cut(&mut loaded.gaussians, config) {
                     watcher.note(&format!("{}: {note}", path.display()));
                 }
+                let (most, there) = (config.max_gaussians, loaded.gaussians.len());
+                if there > most {
+                    watcher.note(&format!(
+                        "{}: the run begins with all its {}; --max-gaussians {most} limits growth only",
+                        path.display(),
+                        counted(there, "Gaussian")
+                    ));
+                }
                 Self::Model(loaded.gaussians)
             }
             Init::Points if scene.lacks_points().is_none() => {
                 refuse_count(config, || format!("the {} of {}", counted(points, "point"), config.scene.display()))?;
+                let most = config.max_gaussians;
+                if points > most {
+                    watcher.note(&format!("{points} points are thinned out to {most}, as many as are allowed"));
+                }
                 Self::Points(points)
             }
             Init::Points | Init::Random => {
@@ -110,13 +122,13 @@ fn refuse_count(config: &RunConfig, first: impl FnOnce() -> String) -> Result<()
 /// The initial Gaussians of training.
 ///
 /// # Errors
-/// Cameras that leave no room for random points.
+/// Cameras that leave no room for random points; photos that cannot be read.
 pub fn initialise(config: &RunConfig, prepared: &Prepared, start: &Start) -> Result<Gaussians, Error> {
     let blender = prepared.scene.kind == SceneKind::Blender;
     let seeds: Vec<Seed> = match start {
         Start::Model(model) => return Ok(model.scaled(1.0 / prepared.scene.unit).into_owned()),
         Start::Resumed(checkpoint) => return Ok(checkpoint.snapshot.model.clone()),
-        Start::Points(_) => prepared.scene.points.iter().map(Seed::from).collect(),
+        Start::Points(_) => initialise::of_scene(&prepared.scene, &prepared.train)?,
         Start::Random(count) => {
             initialise::random_in(&prepared.train, *count, (blender, prepared.scene.near), u64::from(config.seed))?
         }

@@ -92,34 +92,6 @@ fn window_mean(values: &[f64], width: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Random;
-
-    fn noise(count: usize, seed: u64) -> Vec<[f64; 3]> {
-        let mut random = Random(seed);
-        (0..count).map(|_| [0; 3].map(|_| random.unit())).collect()
-    }
-
-    #[test]
-    fn gradient_is_the_difference_quotient() {
-        let (width, count) = (13, 13 * 12);
-        let (mut x, y) = (noise(count, 1), noise(count, 2));
-        let analytic = loss(&x, &y, width, SSIM_WEIGHT).gradient;
-        let (h, mut wrong, mut size) = (1e-5, 0.0, 0.0);
-        for p in 0..count {
-            for c in 0..3 {
-                let kept = x[p][c];
-                let mut at = |v: f64| {
-                    x[p][c] = v;
-                    loss(&x, &y, width, SSIM_WEIGHT).value
-                };
-                let quotient = (at(kept + h) - at(kept - h)) / (2.0 * h);
-                x[p][c] = kept;
-                wrong += (quotient - analytic[p][c]).powi(2);
-                size += quotient.powi(2);
-            }
-        }
-        assert!((wrong / size).sqrt() < 1e-7, "relative error {:e}", (wrong / size).sqrt());
-    }
 
     /// Constant, saturated, equal and opposite images, 11 pixels wide and narrower than the window.
     #[test]
@@ -136,14 +108,5 @@ mod tests {
             }
         }
         assert!(loss(&[], &[], 0, SSIM_WEIGHT).value.is_finite());
-    }
-
-    /// Far from the border a constant pair's SSIM is the luminance term alone.
-    #[test]
-    fn ssim_of_two_constants() {
-        let (a, b) = (0.25, 0.75);
-        let (map, _) = ssim_map(&[a; 31 * 31], &[b; 31 * 31], 31);
-        let expected = (2.0 * a * b + C1) / (a * a + b * b + C1);
-        assert!((map[15 * 31 + 15] - expected).abs() < 1e-12);
     }
 }

@@ -1,7 +1,7 @@
 //! Per-Gaussian gradient sums for accumulation by float atomics.
 
 use super::slot_sums::SlotSums;
-use crate::gpu::{Buffer, Device, Feature, Result};
+use crate::gpu::{Buffer, Device, Result};
 
 /// Per-Gaussian gradient sums, accumulated by float atomics.
 pub struct AtomicSums {
@@ -11,12 +11,7 @@ pub struct AtomicSums {
 }
 
 impl AtomicSums {
-    /// Returns true if the device adds floats atomically.
-    pub fn are_supported(device: &Device) -> bool {
-        device.info().has(Feature::FloatAtomics)
-    }
-
-    /// Sums of `gaussians` Gaussians, on a device that adds floats atomically.
+    /// Sums of `gaussians` Gaussians, on a device with [`crate::gpu::Feature::FloatAtomics`].
     pub fn new(device: &Device, gaussians: usize) -> Result<Self> {
         let own: Vec<u32> = (0..gaussians as u32).collect();
         Ok(Self { own: device.upload("own rows", &own)?, sums: SlotSums::new(device, gaussians, false)? })

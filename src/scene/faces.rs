@@ -5,6 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DMat3, DVec2, DVec3};
 
+use super::Scene;
 use super::lens::ideal::WIDEST;
 use super::lens::{Curve, Lens, LensModel};
 
@@ -130,6 +131,15 @@ impl Face {
     pub(super) fn hides(&self, lens: &Lens, ray: DVec3) -> bool {
         let ray = self.turn.transpose() * ray;
         ray.angle_between(DVec3::Y) < self.pole || !lens.sees(ray, self.reach)
+    }
+}
+
+impl Scene {
+    /// The view to show first instead of view `n`: the front of its photo, if that is cut into faces and has one.
+    pub fn ahead(&self, n: usize) -> usize {
+        let photo = self.views.get(n).and_then(|view| view.face.as_ref()).map(|face| &face.photo);
+        let is_front = |face: &Face| Some(&face.photo) == photo && face.turn == DMat3::IDENTITY;
+        self.views.iter().position(|view| view.face.as_ref().is_some_and(is_front)).unwrap_or(n)
     }
 }
 

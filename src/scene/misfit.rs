@@ -1,6 +1,6 @@
 //! How far points are from where a photo's pose and lens show them, and what would bring them nearer.
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 
 use super::lens::{Lens, LensModel};
 use super::median::{median, weighted_quantile};
@@ -15,11 +15,13 @@ pub enum Reading {
     CameraToWorld,
     /// The camera's y axis points up and its z axis backwards.
     OpenGl,
+    /// The quaternion is x, y, z, w, and was read as w, x, y, z.
+    ScalarLast,
 }
 
 impl Reading {
     /// All of them, in their order.
-    pub const ALL: [Self; 2] = [Self::CameraToWorld, Self::OpenGl];
+    pub const ALL: [Self; 3] = [Self::CameraToWorld, Self::OpenGl, Self::ScalarLast];
 
     /// The pose in the engine's convention, if the numbers of this one have the other meaning.
     pub fn pose(self, (rotation, translation): (DMat3, DVec3)) -> (DMat3, DVec3) {
@@ -28,6 +30,10 @@ impl Reading {
             Self::OpenGl => {
                 let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
                 (flip * rotation, flip * translation)
+            }
+            Self::ScalarLast => {
+                let read = DQuat::from_mat3(&rotation);
+                (DMat3::from_quat(DQuat::from_xyzw(read.w, read.x, read.y, read.z)), translation)
             }
         }
     }
@@ -44,7 +50,7 @@ pub struct Misfit {
     /// True if the lens does not show most of the points: they lie behind the camera.
     pub behind: bool,
     /// The distances with the other readings of the pose, in the order of [`Reading::ALL`]; infinite if `px` is that of a sound photo.
-    pub reread: [f64; 2],
+    pub reread: [f64; Reading::ALL.len()],
     /// The factor of the focal lengths that fits the points best, and the distance with it.
     pub zoomed: (f64, f64),
 }
@@ -57,7 +63,7 @@ impl Misfit {
         let diagonal = DVec2::new(f64::from(lens.width), f64::from(lens.height)).length();
         let unseen = marks.iter().filter(|(_, point)| !lens.pixel_of(pose.0 * *point + pose.1).is_finite()).count();
         let behind = 2 * unseen > marks.len();
-        let mut misfit = Self { px, diagonal, behind, reread: [f64::INFINITY; 2], zoomed: (1.0, px) };
+        let mut misfit = Self { px, diagonal, behind, reread: [f64::INFINITY; Reading::ALL.len()], zoomed: (1.0, px) };
         if misfit.excess() <= 1.0 {
             return Some(misfit);
         }
@@ -127,8 +133,9 @@ mod tests {
         let sound = Misfit::of(&own, pose, &marks).unwrap();
         assert!(sound.px < 1e-9 && !sound.behind, "{sound:?}");
         for (k, reading) in Reading::ALL.into_iter().enumerate() {
-            // Each reading undoes itself.
-            let wrong = Misfit::of(&own, reading.pose(pose), &marks).unwrap();
+            // After four times, each reading gives the pose again.
+            let misread = (0..3).fold(pose, |pose, _| reading.pose(pose));
+            let wrong = Misfit::of(&own, misread, &marks).unwrap();
             assert!(wrong.excess() > 10.0 && wrong.reread[k] < 1e-9, "{reading:?}: {wrong:?}");
         }
         let zoomed = Misfit::of(&lens(550.0, 640), pose, &marks).unwrap();

@@ -131,6 +131,8 @@ pub struct Scene {
     pub views: Vec<View>,
     /// Points of the reconstruction; empty where the format has none.
     pub points: Vec<Point>,
+    /// The colour of all points of the files, if they have one in common, as those of a cloud without colours do.
+    pub plain: Option<[u8; 3]>,
     /// Everything left out since the scene was opened.
     pub skipped: Skipped,
     /// Nothing nearer to a camera than this is drawn, in world units: 3DGS's 0.2 in scenes of usual size, and in proportion

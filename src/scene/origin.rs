@@ -63,7 +63,7 @@ impl Scene {
         self.origin = origin;
         let [x, y, z] = origin.to_array();
         self.skipped.notes.push(format!(
-            "the capture lies far from its world's origin: coordinates of the model count from {x},{y},{z}"
+            "the capture lies far from its world's origin: its cameras and points are relative to the local origin {x},{y},{z}"
         ));
         self
     }

@@ -20,8 +20,9 @@ pub(crate) struct Raster<const C: usize> {
     pub pixels: Vec<u8>,
 }
 
-/// Samples a pixel's side up to which these are cubic.
-const CUBIC: usize = 2;
+/// Source pixels along a pixel's side for each of its cubic samples, and the most such samples: cubic ones read 36
+/// pixels, bilinear ones 4.
+const CUBIC: (f64, usize) = (1.5, 2);
 
 /// Number of channels of colours, alpha and mask.
 pub(crate) const MASKED: usize = 5;
@@ -153,8 +154,8 @@ pub(crate) fn undistort<const C: usize>(source: &Raster<C>, lens: &Lens, camera:
     Raster { width: camera.width, height: camera.height, pixels }
 }
 
-/// The part of a photo that `camera`, of a face, sees: each output pixel averages n x n samples, n about the number of
-/// source pixels along its side in the middle. `lens` must have the photo's size.
+/// The part of a photo that `camera`, of a face, sees: each output pixel averages n x n samples; n follows the number
+/// of source pixels along its side in the middle. `lens` must have the photo's size.
 pub(crate) fn cut<const C: usize>(
     source: &Raster<C>,
     (lens, face): (&Lens, &Face),
@@ -162,11 +163,17 @@ pub(crate) fn cut<const C: usize>(
     alpha: bool,
 ) -> Raster<C> {
     let width = camera.width as usize;
-    let n = ((lens.focal / camera.focal).max_element() - 0.25).ceil().clamp(1.0, 64.0) as usize;
-    let sample = if n <= CUBIC { cubic } else { bilinear };
+    let ratio = (lens.focal / camera.focal).max_element();
+    let few = (ratio / CUBIC.0).ceil().max(1.0) as usize;
+    let sharp = few <= CUBIC.1;
+    let n = if sharp { few } else { (ratio - 0.25).ceil().min(64.0) as usize };
     let back = face.turn.transpose();
     let closed = lens.model == LensModel::Equirectangular;
-    let at = |place: DVec2| sample(source, lens.pixel_of(back * camera.ray(place)).as_vec2(), alpha, closed);
+    let at = |place: DVec2| {
+        let pixel = lens.pixel_of(back * camera.ray(place)).as_vec2();
+        let value = sharp.then(|| cubic(source, pixel, alpha, closed)).filter(|value| counts_fully(value, alpha));
+        value.unwrap_or_else(|| bilinear(source, pixel, alpha, closed))
+    };
     let mut pixels = vec![0; width * camera.height as usize * C];
     pixels.par_chunks_mut(width * C).enumerate().for_each(|(y, out)| {
         for (x, pixel) in out.as_chunks_mut::<C>().0.iter_mut().enumerate() {
@@ -204,24 +211,46 @@ fn bilinear<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool, closed: b
     })
 }
 
-/// The value of [`bilinear`], but by the cubic of Catmull and Rom through four pixels a side: sharper where a pixel is
-/// about as large as the source's.
+/// Keys' cubic of fourth order (Keys 1981): the weight of a pixel at this distance.
+fn keys(distance: f32) -> f32 {
+    let x = distance.abs();
+    if x < 1.0 {
+        (4.0 / 3.0 * x - 7.0 / 3.0) * x * x + 1.0
+    } else if x < 2.0 {
+        ((-7.0 / 12.0 * x + 3.0) * x - 59.0 / 12.0) * x + 2.5
+    } else {
+        ((x / 12.0 - 2.0 / 3.0) * x + 1.75) * x - 1.5
+    }
+}
+
+/// True if all pixels of a cubic count in full: at the edges of masks and of alpha, its negative weights would show.
+fn counts_fully<const C: usize>(value: &[f32; C], alpha: bool) -> bool {
+    let weight = match C {
+        1 => value[0] / 255.0,
+        MASKED => value[4],
+        _ => 1.0,
+    };
+    let opacity = if alpha && C >= 4 { value[3] / 255.0 } else { 1.0 };
+    [weight, opacity].iter().all(|share| (share - 1.0).abs() < 1e-3)
+}
+
+/// The value of [`bilinear`], but by a cubic through six pixels a side, which is sharper. If the image is `closed`, it continues
+/// beyond its upper and lower edges on the other side of the poles.
 fn cubic<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool, closed: bool) -> [f32; C] {
     let (width, height) = (source.width as i64, source.height as i64);
     let at = at - 0.5;
     let first = at.floor();
-    let weights = (at - first).to_array().map(|t| {
-        let [t2, t3] = [t * t, t * t * t];
-        [-0.5 * t3 + t2 - 0.5 * t, 1.5 * t3 - 2.5 * t2 + 1.0, -1.5 * t3 + 2.0 * t2 + 0.5 * t, 0.5 * t3 - 0.5 * t2]
-    });
+    let weights = (at - first).to_array().map(|t| [-2.0, -1.0, 0.0, 1.0, 2.0, 3.0].map(|k: f32| keys(t - k)));
     let pixels = source.pixels.as_chunks::<C>().0;
     let mut sum = [0.0; C];
-    for (j, down) in (-1..).zip(weights[1]) {
-        let row = (first.y as i64 + j).clamp(0, height - 1) * width;
-        for (i, along) in (-1..).zip(weights[0]) {
-            let column = first.x as i64 + i;
+    for (j, down) in (-2..).zip(weights[1]) {
+        let row = first.y as i64 + j;
+        let beyond = closed && !(0..height).contains(&row);
+        let row = if beyond { if row < 0 { -1 - row } else { 2 * height - 1 - row } } else { row }.clamp(0, height - 1);
+        for (i, along) in (-2..).zip(weights[0]) {
+            let column = first.x as i64 + i + if beyond { width / 2 } else { 0 };
             let column = if closed { column.rem_euclid(width) } else { column.clamp(0, width - 1) };
-            let value = lift(&pixels[(row + column) as usize], alpha);
+            let value = lift(&pixels[(row * width + column) as usize], alpha);
             (0..C).for_each(|c| sum[c] += down * along * value[c]);
         }
     }
@@ -231,6 +260,8 @@ fn cubic<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool, closed: bool
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::faces::{CUBE, turn};
+    use glam::DVec3;
 
     #[test]
     fn overlaps_sum_to_one_and_cover_the_source() {
@@ -271,6 +302,74 @@ mod tests {
         for alpha in [false, true] {
             assert_eq!(small([255, 0], alpha), [200, 100, 50, 255]);
             assert_eq!(small([0, 0], alpha), [100, 178, 153, 255], "all there is");
+        }
+    }
+
+    /// Weights of a constant sum to one, and a pixel's own centre has its own value.
+    #[test]
+    fn weights_of_a_cubic() {
+        for t in 0..=10 {
+            let t = t as f32 / 10.0;
+            let sum: f32 = (-2..=3).map(|k| keys(t - k as f32)).sum();
+            assert!((sum - 1.0).abs() < 1e-6, "{t}: {sum}");
+        }
+        assert_eq!([0.0, 1.0, 2.0, 3.0].map(|x| (keys(x) * 1e6).round()), [1e6, 0.0, 0.0, 0.0]);
+    }
+
+    /// The face of a panorama whose pixels are means of a fine pattern is near the means of that pattern.
+    #[test]
+    fn faces_are_as_sharp_as_their_panorama() {
+        let pattern = |d: DVec3| 127.5 + 60.0 * ((45.0 * d.x).sin() + (40.0 * d.y + 25.0 * d.z).cos());
+        let mean = |at: &dyn Fn(DVec2) -> DVec3, x: usize, y: usize| -> f64 {
+            let within = |k: usize| DVec2::new((k % 8) as f64 + 0.5, (k / 8) as f64 + 0.5) / 8.0;
+            (0..64).map(|k| pattern(at(DVec2::new(x as f64, y as f64) + within(k)).normalize())).sum::<f64>() / 64.0
+        };
+        let lens = Lens::from_colmap(LensModel::Equirectangular, 256, 128, &[256.0, 128.0]).unwrap();
+        let along = |pixel: DVec2| {
+            let [lon, lat] =
+                [(pixel.x / 256.0 - 0.5) * std::f64::consts::TAU, (0.5 - pixel.y / 128.0) * std::f64::consts::PI];
+            DVec3::new(lat.cos() * lon.sin(), -lat.sin(), lat.cos() * lon.cos())
+        };
+        let grey = |value: f64| [value.round() as u8; 4];
+        let pixels = (0..128 * 256).flat_map(|i| grey(mean(&along, i % 256, i / 256))).collect();
+        let source = Raster::<4> { width: 256, height: 128, pixels };
+        for (_, axes) in CUBE {
+            let face =
+                Face { photo: String::new(), turn: turn(axes), pole: 0.0, reach: std::f64::consts::PI, masked: false };
+            let camera = Camera {
+                rotation: glam::DMat3::IDENTITY,
+                translation: glam::DVec3::ZERO,
+                focal: DVec2::splat(32.0),
+                principal: DVec2::splat(32.0),
+                width: 64,
+                height: 64,
+                whole: None,
+            };
+            let seen = |pixel: DVec2| face.turn.transpose() * camera.ray(pixel);
+            let got = cut(&source, (&lens, &face), &camera, false);
+            let errors = (0..64 * 64).map(|i| (f64::from(got.pixels[4 * i]) - mean(&seen, i % 64, i / 64)).powi(2));
+            let rms = (errors.sum::<f64>() / 4096.0).sqrt();
+            assert!(rms < if axes[2].y == 0.0 { 1.0 } else { 1.4 }, "{rms}");
+        }
+    }
+
+    /// Beyond a pole, a panorama continues with the columns on its other side.
+    #[test]
+    fn panoramas_continue_beyond_their_poles() {
+        let (width, height) = (8_usize, 6_usize);
+        let value = |x: usize, y: usize| [(17 * x + 31 * y + 5 * x * y) as u8; 4];
+        let image = |rows: &mut dyn Iterator<Item = (usize, usize)>, height: usize| {
+            let pixels =
+                rows.flat_map(|(y, turn)| (0..width).flat_map(move |x| value((x + turn) % width, y))).collect();
+            Raster::<4> { width: width as u32, height: height as u32, pixels }
+        };
+        let alone = image(&mut (0..height).map(|y| (y, 0)), height);
+        let below = (0..3).rev().map(|y| (y, width / 2)).chain((0..height).map(|y| (y, 0)));
+        let extended = image(&mut below.chain((3..height).rev().map(|y| (y, width / 2))), height + 6);
+        for at in [Vec2::new(2.3, 0.2), Vec2::new(7.9, 1.4), Vec2::new(0.1, 5.9)] {
+            let [own, other] =
+                [(&alone, at), (&extended, at + 3.0 * Vec2::Y)].map(|(image, at)| cubic(image, at, false, true));
+            assert!(own.iter().zip(other).all(|(a, b)| (a - b).abs() < 1e-2), "{at}: {own:?} {other:?}");
         }
     }
 

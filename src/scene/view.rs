@@ -113,7 +113,7 @@ pub(crate) fn is_panorama((width, height): (u32, u32)) -> bool {
 
 impl View {
     /// A view at a pose (world to camera), whose photo is not undistorted.
-    pub(super) fn new(name: String, lens: Lens, pose: (DMat3, DVec3)) -> Self {
+    pub(crate) fn new(name: String, lens: Lens, pose: (DMat3, DVec3)) -> Self {
         let camera = Camera {
             rotation: pose.0,
             translation: pose.1,
@@ -187,6 +187,20 @@ impl View {
     /// True if it is a face of a photo whose faces hide parts of themselves: around straight down, or beyond a fisheye's rim.
     pub fn hides_itself(&self) -> bool {
         self.face.as_ref().is_some_and(|face| face.masked)
+    }
+
+    /// True if the view shows a point that neither the photo's circle nor a face hides, occluded or not; files of masks do not count.
+    pub fn shows(&self, point: DVec3) -> bool {
+        if !self.camera.shows(point) {
+            return false;
+        }
+        let ray = self.camera.rotation * point + self.camera.translation;
+        let hidden = self.face.as_ref().is_some_and(|face| face.masked && face.hides(&self.lens, ray));
+        let within = |share: f64| {
+            let ray = self.face.as_ref().map_or(ray, |face| face.turn.transpose() * ray);
+            self.lens.pixel_of(ray).distance(self.lens.principal) <= share * f64::from(self.lens.width)
+        };
+        !hidden && self.circle.is_none_or(within)
     }
 
     /// True if the photo is resampled to one ideal pinhole rather than used as it is or cut into faces.

@@ -28,7 +28,7 @@ pub struct Pair {
 }
 
 /// A block's matrices and the solution of P u = lambda (N + eps I) u.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Default, Deserialize)]
 pub struct Block {
     /// Number of Gaussians.
     pub m: usize,

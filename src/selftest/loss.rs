@@ -117,7 +117,9 @@ pub(super) fn noise(device: &Device) -> Result<Vec<Measure>> {
 /// quotients off by two roundings, 9e-5 and 2.1e-4.
 pub(super) fn constant(device: &Device) -> Result<Vec<Measure>> {
     let shades = [(0.0, 0), (1.0, 255), (0.0, 255), (1.0, 0), (0.5, 128), (0.25, 192), (3.0, 255)];
-    let cases = [[11, 11], [11, 3], [45, 37]].into_iter().flat_map(|size| shades.map(|(x, y)| Case::flat(size, x, y)));
+    let cases = [[1, 1], [11, 11], [11, 3], [3, 40], [45, 37]]
+        .into_iter()
+        .flat_map(|size| shades.map(|(x, y)| Case::flat(size, x, y)));
     worst(device, cases, [2e-4, 4e-4])
 }
 

@@ -131,12 +131,7 @@ pub(super) fn indefinite(device: &Device) -> Result<Vec<Measure>> {
         n: vec![vec![1.0, 1.2, 0.0], vec![1.2, 1.0, 0.0], vec![0.0, 0.0, 1.0]],
         w: vec![vec![1.0; CHANNELS], vec![1.0; CHANNELS], vec![0.5; CHANNELS]],
         eps: 1e-4,
-        lam: Vec::new(),
-        r: 1,
-        q: Vec::new(),
-        k: 1,
-        paper_topk: Vec::new(),
-        css_order: Vec::new(),
+        ..Block::default()
     };
     // Along (1, 1) / sqrt 2 the eight equal columns have energy 16 over 2.2001; along the third axis 2 over 1.0001.
     let expected = 16.0 / 2.2001 + 2.0 / 1.0001;

@@ -6,7 +6,7 @@ use crate::kernels::constants::sh::float64::SH_C0;
 use crate::random::uniform;
 use crate::render::Settings;
 use crate::scene::camera::Camera;
-use crate::scene::{Neighbours, ONE_PLACE, Photo, Point, USUAL_DISTANCE};
+use crate::scene::{Neighbours, ONE_PLACE, Photo, Point, Scene, USUAL_DISTANCE, in_front, median};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 use std::io;
@@ -17,6 +17,16 @@ const OPACITY: f64 = 0.1;
 const FLATNESS: f64 = 0.1;
 /// Floor of the mean squared distance to the nearest neighbours, in square world units.
 const LEAST_SQUARED_DISTANCE: f64 = 1e-7;
+/// Least initial colour of a channel: at 0, where a Gaussian draws nothing, it has no gradient.
+const LEAST_COLOUR: f64 = 1.0 / 255.0;
+/// Number of photos by which a point without a colour is coloured.
+const LOOKS: usize = 8;
+/// Number of points times number of photos in which they are searched for, at most, unless that means fewer than so many photos.
+const SEARCHED: (usize, usize) = (400_000_000, 64);
+/// Number of points of all photos that are looked at together, which bounds memory up to as many points.
+const TOGETHER: usize = 8_000_000;
+/// Smallest fourth byte of a pixel that colours a point.
+const OPAQUE: u8 = 250;
 /// Share of points with copies beyond which these do not count as neighbours.
 const COPIED: f64 = 0.3;
 /// Depths tried along a random ray; the one at which the photos agree best is taken.
@@ -53,6 +63,74 @@ impl From<&Point> for Seed {
         let colour = DVec3::from(point.colour.map(f64::from)) / 255.0;
         Self { position: point.position, normal: point.normal, colour }
     }
+}
+
+/// The points of a scene. Those without a colour of their own have the median colour of the photos in which no other point hides them;
+/// those that no photo shows, that of all others.
+///
+/// # Errors
+/// Photos in a file that cannot be read.
+pub fn of_scene(scene: &Scene, photos: &[Photo]) -> Result<Vec<Seed>> {
+    let mut seeds: Vec<Seed> = scene.points.iter().map(Seed::from).collect();
+    let Some(plain) = scene.plain else { return Ok(seeds) };
+    let mut shown: Vec<Vec<[u8; 3]>> = vec![Vec::new(); seeds.len()];
+    // By chance: even steps could meet the same face of every panorama, or one camera of a rig.
+    let mut order: Vec<(f64, &Photo)> = (0..).zip(photos).map(|(i, photo)| (uniform(&[i]), photo)).collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let count = seeds.len().max(1);
+    order.truncate((SEARCHED.0 / count).max(SEARCHED.1));
+    let mut idle = 0;
+    for group in order.chunks((TOGETHER / count).clamp(1, LOOKS)) {
+        idle += group.len();
+        let found: io::Result<Vec<Vec<Look>>> = group.par_iter().map(|(_, photo)| looks(photo, &seeds)).collect();
+        for (i, colour) in found?.into_iter().flatten() {
+            if shown[i].len() < LOOKS {
+                shown[i].push(colour);
+                idle = 0;
+            }
+        }
+        // All points have their colours, or no further photo shows the others.
+        if idle >= SEARCHED.1 || shown.iter().all(|colours| colours.len() == LOOKS) {
+            break;
+        }
+    }
+    let usual = median_colour(&shown.iter().filter_map(|colours| colours.first().copied()).collect::<Vec<_>>());
+    for ((seed, point), shown) in seeds.iter_mut().zip(&scene.points).zip(&shown) {
+        if let (Some(colour), true) = (median_colour(shown).or(usual), point.colour == plain) {
+            seed.colour = colour;
+        }
+    }
+    Ok(seeds)
+}
+
+/// The median of each channel, from 0 to 1; none of no colour.
+fn median_colour(colours: &[[u8; 3]]) -> Option<DVec3> {
+    let channel = |c: usize| median(&mut colours.iter().map(|rgb| f64::from(rgb[c]) / 255.0).collect::<Vec<_>>());
+    Some(DVec3::new(channel(0)?, channel(1)?, channel(2)?))
+}
+
+/// The index of a point, and its colour in a photo.
+type Look = (usize, [u8; 3]);
+
+/// The points in a photo that no other one hides, where it is opaque.
+fn looks(photo: &Photo, points: &[Seed]) -> io::Result<Vec<Look>> {
+    let camera = &photo.camera;
+    let (width, size) = (camera.width as usize, DVec2::new(f64::from(camera.width), f64::from(camera.height)));
+    let at = |(i, point): (usize, &Seed)| {
+        let p = camera.rotation * point.position + camera.translation;
+        let place = camera.project(p);
+        let inside = p.z > 0.0 && place.cmpge(DVec2::ZERO).all() && place.cmplt(size).all();
+        inside.then_some((i, (place, p.z)))
+    };
+    let inside: Vec<_> = points.par_iter().enumerate().filter_map(at).collect();
+    let (numbers, places): (Vec<usize>, Vec<(DVec2, f64)>) = inside.into_iter().unzip();
+    let pixels = photo.pixels.read()?;
+    let look = |((i, (place, _)), cell): ((usize, &(DVec2, f64)), Option<usize>)| {
+        let pixel = 4 * (place.y as usize * width + place.x as usize);
+        let [r, g, b, fourth] = *pixels.get(pixel..)?.first_chunk::<4>()?;
+        (cell.is_some() && fourth >= OPAQUE).then_some((i, [r, g, b]))
+    };
+    Ok(numbers.into_iter().zip(&places).zip(in_front(&places, size)).filter_map(look).collect())
 }
 
 /// Gaussians of [`from_points_in`], in a scene of usual size.
@@ -102,10 +180,11 @@ pub fn from_points_in(points: &[Seed], unit: f64) -> Gaussians {
         let turn = p.normal.map_or(DQuat::IDENTITY, |normal| DQuat::from_rotation_arc(DVec3::Z, normal)).as_quat();
         [turn.w, turn.x, turn.y, turn.z]
     };
+    let colour = |p: &Seed| ((p.colour.max(DVec3::splat(LEAST_COLOUR)) - 0.5) / SH_C0).as_vec3().to_array();
     Gaussians {
         log_scales: points.par_iter().enumerate().map(scales).collect(),
         rotations: points.iter().map(turn).collect(),
-        sh: vec![points.iter().flat_map(|p| ((p.colour - 0.5) / SH_C0).as_vec3().to_array()).collect()],
+        sh: vec![points.iter().flat_map(colour).collect()],
         ..Gaussians::balls(means, 0.0, logit, 0)
     }
 }

@@ -40,10 +40,11 @@ const POLE = 0.02;
 export class Camera {
   /**
    * `shift`: the principal point, where the target appears, from the picture's middle, to the right and down, in heights of the picture.
+   * `stretch`: the horizontal focal length over the vertical one.
    * `reach`, the distance from which one sees the whole, bounds zooming and keeps flights from stopping; 0 if it is not known.
    */
-  constructor({ position, rotation, fov, shift = [0, 0] }, target, up, reach = 0) {
-    Object.assign(this, { position, rotation: unit(rotation), fov, shift, up: unit(up), reach });
+  constructor({ position, rotation, fov, shift = [0, 0], stretch = 1 }, target, up, reach = 0) {
+    Object.assign(this, { position, rotation: unit(rotation), fov, shift, stretch, up: unit(up), reach });
     this.distance = Math.max(length(less(target, position)), 1e-6);
   }
 
@@ -74,7 +75,7 @@ export class Camera {
   /** Moves by shares of the picture's height at the target's distance. */
   pan(dx, dy) {
     const height = 2 * this.distance * Math.tan(this.fov / 2);
-    this.position = add(this.position, add(scaled(this.right, -dx * height), scaled(this.down, -dy * height)));
+    this.position = add(this.position, add(scaled(this.right, (-dx * height) / this.stretch), scaled(this.down, -dy * height)));
   }
 
   /** Multiplies the distance from the target, between a thousandth of the reach and a thousand times as much. */
@@ -98,7 +99,7 @@ export class Camera {
   }
 
   /** Radius of the circle about the target that fits into a picture of this ratio of width to height, in heights of the picture. */
-  room(ratio) { return Math.max(0, Math.min(0.5 - Math.abs(this.shift[1]), 0.5 * ratio - Math.abs(this.shift[0]))); }
+  room(ratio) { return Math.max(0, Math.min(0.5 - Math.abs(this.shift[1]), (0.5 * ratio - Math.abs(this.shift[0])) / this.stretch)); }
 
   /** The sphere that this circle outlines: x, y, z, radius. */
   sphere(ratio) { return [...this.target, this.distance * Math.sin(Math.atan(2 * Math.tan(this.fov / 2) * this.room(ratio)))]; }
@@ -111,7 +112,7 @@ export class Camera {
     const [x, y, z] = turnedBack(this.rotation, less(point, this.position));
     if (z < 1e-4 * this.distance) return null;
     const focal = height / 2 / Math.tan(this.fov / 2), [right, down] = scaled(this.shift, height);
-    return [width / 2 + right + (focal * x) / z, height / 2 + down + (focal * y) / z, z];
+    return [width / 2 + right + (focal * this.stretch * x) / z, height / 2 + down + (focal * y) / z, z];
   }
 }
 

@@ -64,11 +64,8 @@ pub fn model(scene: &Scene, test: &[usize], marked: &[&str]) -> Gaussians {
         let length = along.length().max(1e-6);
         drawn.log_scales[i] = [length / 3.0, length * THICKNESS, length * THICKNESS].map(|v| v.ln() as f32);
     }
-    model.means.extend(drawn.means);
-    model.log_scales.extend(drawn.log_scales);
-    model.rotations.extend(drawn.rotations);
-    model.sh[0].extend(&drawn.sh[0]);
-    model.opacity_logits = vec![OPACITY; model.means.len()];
+    model.append(&drawn);
+    model.opacity_logits.fill(OPACITY);
     model
 }
 

@@ -42,7 +42,7 @@ export function colours(cameras) {
 /** The point at (x, y) of a camera's drawn picture, which reaches from -1 to 1 in both. */
 function inPicture(c, [x, y], size) {
   const half = Math.tan(c.fov / 2), wide = (half * c.size[0]) / c.size[1], [right, down] = scaled(c.shift, 2 * half);
-  return add(c.position, turned(c.rotation, scaled([x * wide - right, y * half - down, 1], size)));
+  return add(c.position, turned(c.rotation, scaled([(x * wide - right) / c.stretch, y * half - down, 1], size)));
 }
 
 /** Draws cameras and axes in the rectangle [x, y, width, height] of the canvas. */

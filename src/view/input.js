@@ -126,8 +126,8 @@ export function home() {
 /** The view as text, so that its address can be sent to somebody. */
 export function fragment() {
   if (state.photo >= 0) return `photo=${state.photo}&kind=${state.kind}`;
-  const { position, rotation, fov, distance, shift } = state.camera;
-  const numbers = [...position, ...rotation, fov, distance, ...shift].map((v) => Number(v.toPrecision(9)));
+  const { position, rotation, fov, distance, shift, stretch } = state.camera;
+  const numbers = [...position, ...rotation, fov, distance, ...shift, stretch].map((v) => Number(v.toPrecision(9)));
   return `pose=${numbers.join(",")}&kind=${state.kind}`;
 }
 
@@ -136,9 +136,9 @@ export function restore(text) {
   if ([...$("kind").options].some((o) => o.value === given.get("kind"))) $("kind").value = state.kind = given.get("kind");
   legend();
   const numbers = (given.get("pose") ?? "").split(",").map(Number);
-  if ([9, 11].includes(numbers.length) && numbers.every(Number.isFinite)) {
-    const [fov, distance, right = 0, down = 0] = numbers.slice(7);
-    const pose = { position: numbers.slice(0, 3), rotation: numbers.slice(3, 7), fov, shift: [right, down] };
+  if ([9, 11, 12].includes(numbers.length) && numbers.every(Number.isFinite)) {
+    const [fov, distance, right = 0, down = 0, stretch = 1] = numbers.slice(7);
+    const pose = { position: numbers.slice(0, 3), rotation: numbers.slice(3, 7), fov, shift: [right, down], stretch };
     state.camera = new Camera(pose, [0, 0, 0], state.scene.up, state.reach);
     state.camera.distance = Math.max(distance, 1e-6);
     change();

@@ -40,11 +40,11 @@ export const twoModels = () => state.scene.models.length > 1 && Number($("split"
 
 function send(still, model) {
   if (state.socket?.readyState !== WebSocket.OPEN || !state.camera) return;
-  const { position, rotation, fov, shift } = state.camera;
+  const { position, rotation, fov, shift, stretch } = state.camera;
   const grey = $("background").value;
   const request = {
     number: ++state.sent, size: size(), picture: state.kind, model, degree: Number($("degree").value), still,
-    camera: state.photo >= 0 ? { photo: state.photo } : { pose: { position, rotation, fov, shift } },
+    camera: state.photo >= 0 ? { photo: state.photo } : { pose: { position, rotation, fov, shift, stretch } },
     background: grey === "" ? null : [Number(grey), Number(grey), Number(grey)],
   };
   state.request = request;
@@ -241,7 +241,7 @@ function crop(context) {
     return;
   }
   context.beginPath();
-  context.arc(left + width / 2 + right, top + height / 2 + down, room * height, 0, 2 * Math.PI);
+  context.ellipse(left + width / 2 + right, top + height / 2 + down, room * height * camera.stretch, room * height, 0, 0, 2 * Math.PI);
   context.strokeStyle = "#fff";
   context.stroke();
   // All four to a thousandth of the radius, wherever the centre lies.

@@ -177,12 +177,12 @@ fn camera(request: &Request, capture: Option<&Capture>) -> Result<Camera, Error>
             let camera = capture.and_then(|c| c.camera(n));
             camera.ok_or_else(|| Error::Usage(format!("there is no photo {n}")))
         }
-        RequestCamera::Pose { position, rotation, fov, shift } => {
+        RequestCamera::Pose { position, rotation, fov, shift, stretch } => {
             let [width, height] = request.size;
             if width == 0 || height == 0 || u64::from(width) * u64::from(height) > MOST_PIXELS {
                 return Err(Error::Usage(format!("a picture has 1 to {MOST_PIXELS} pixels")));
             }
-            RequestCamera::free(position, rotation, fov, shift, request.size).map_err(Error::Usage)
+            RequestCamera::free(position, rotation, fov, shift, stretch, request.size).map_err(Error::Usage)
         }
     }
 }

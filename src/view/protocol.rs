@@ -13,6 +13,8 @@ pub const MOST_PIXELS: u64 = 8 << 20;
 const FIELDS: std::ops::RangeInclusive<f64> = 0.01..=3.0;
 /// Largest shift of a request, in heights of the picture.
 const MOST_SHIFT: f64 = 1000.0;
+/// Range of the stretch of a request.
+const STRETCHES: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
 /// A message from the page.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -74,7 +76,15 @@ pub enum RequestCamera {
         /// The principal point from the picture's middle, to the right and down, in heights of the picture; default: 0, 0.
         #[serde(default)]
         shift: [f64; 2],
+        /// The horizontal focal length over the vertical one; default: 1.
+        #[serde(default = "square")]
+        stretch: f64,
     },
+}
+
+/// The stretch of square pixels.
+fn square() -> f64 {
+    1.0
 }
 
 /// Content of a picture.
@@ -130,6 +140,7 @@ impl RequestCamera {
         rotation: [f64; 4],
         fov: f64,
         shift: [f64; 2],
+        stretch: f64,
         [width, height]: [u32; 2],
     ) -> Result<Camera, String> {
         let [w, x, y, z] = rotation;
@@ -144,10 +155,14 @@ impl RequestCamera {
         if !shift.iter().all(|part| part.abs() <= MOST_SHIFT) {
             return Err(format!("the camera's shift is not two numbers of at most {MOST_SHIFT} picture heights"));
         }
+        if !STRETCHES.contains(&stretch) {
+            return Err("the camera's stretch is not a number from 0.01 to 100".into());
+        }
         let rotation = DMat3::from_quat(to_world.normalize()).transpose();
         let level = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, fov, width, height);
         let principal = level.principal + DVec2::from(shift) * f64::from(height);
-        Ok(Camera { rotation, translation: -(rotation * position), principal, ..level })
+        let focal = level.focal * DVec2::new(stretch, 1.0);
+        Ok(Camera { rotation, translation: -(rotation * position), focal, principal, ..level })
     }
 }
 
@@ -298,36 +313,41 @@ mod tests {
         let (eye, target) = (DVec3::new(1.0, -2.0, 3.0), DVec3::new(0.5, 0.0, -1.0));
         let wanted = Camera::look_at(eye, target, DVec3::NEG_Y, 0.9, 64, 48);
         let q = DQuat::from_mat3(&wanted.rotation.transpose());
-        let camera = RequestCamera::free(eye.to_array(), [q.w, q.x, q.y, q.z], 0.9, [0.0; 2], [64, 48]).unwrap();
+        let camera = RequestCamera::free(eye.to_array(), [q.w, q.x, q.y, q.z], 0.9, [0.0; 2], 1.0, [64, 48]).unwrap();
         assert!((camera.translation - wanted.translation).length() < 1e-12);
         assert_eq!((camera.focal, camera.principal, camera.width), (wanted.focal, wanted.principal, 64));
         let (one, zero) = ([1.0, 0.0, 0.0, 0.0], [0.0; 2]);
-        for (position, rotation, fov, shift) in [
-            ([f64::NAN; 3], one, 0.9, zero),
-            ([0.0; 3], [0.0; 4], 0.9, zero),
-            ([0.0; 3], one, 0.0, zero),
-            ([0.0; 3], one, f64::INFINITY, zero),
-            ([0.0; 3], one, 0.9, [0.0, f64::NAN]),
-            ([0.0; 3], one, 0.9, [1e9, 0.0]),
+        for (position, rotation, fov, shift, stretch) in [
+            ([f64::NAN; 3], one, 0.9, zero, 1.0),
+            ([0.0; 3], [0.0; 4], 0.9, zero, 1.0),
+            ([0.0; 3], one, 0.0, zero, 1.0),
+            ([0.0; 3], one, f64::INFINITY, zero, 1.0),
+            ([0.0; 3], one, 0.9, [0.0, f64::NAN], 1.0),
+            ([0.0; 3], one, 0.9, [1e9, 0.0], 1.0),
+            ([0.0; 3], one, 0.9, zero, 0.0),
+            ([0.0; 3], one, 0.9, zero, f64::NAN),
         ] {
-            assert!(RequestCamera::free(position, rotation, fov, shift, [64, 48]).is_err());
+            assert!(RequestCamera::free(position, rotation, fov, shift, stretch, [64, 48]).is_err());
         }
     }
 
     /// In a window twice as high, the principal point lies twice as far from the middle; in a part of a picture, it counts from
     /// the part's corner.
     #[test]
-    fn a_pose_keeps_the_principal_point() {
+    fn a_pose_keeps_the_principal_point_and_the_shape_of_pixels() {
         let level = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 0.9, 64, 48);
-        let whole = Camera { principal: DVec2::new(36.0, 12.0), ..level };
+        let focal = level.focal * DVec2::new(1.5, 1.0);
+        let whole = Camera { principal: DVec2::new(36.0, 12.0), focal, ..level };
         for (camera, expected) in [(whole.part([32, 16], [16, 16]), [8.0, -8.0]), (whole, [72.0, 24.0])] {
             let given = serde_json::json!({ "pose": super::super::subject::pose(&camera) });
-            let Ok(RequestCamera::Pose { position, rotation, fov, shift }) = serde_json::from_value(given) else {
+            let Ok(RequestCamera::Pose { position, rotation, fov, shift, stretch }) = serde_json::from_value(given)
+            else {
                 panic!("a pose is not read")
             };
             let size = [2 * camera.width, 2 * camera.height];
-            let free = RequestCamera::free(position, rotation, fov, shift, size).unwrap();
+            let free = RequestCamera::free(position, rotation, fov, shift, stretch, size).unwrap();
             assert!(free.principal.distance(DVec2::from(expected)) < 1e-9, "{free:?}");
+            assert!(free.focal.distance(2.0 * focal) < 1e-9, "{free:?}");
         }
     }
 }

@@ -115,8 +115,9 @@ pub(super) fn jpeg(
     Ok(out)
 }
 
-/// Position, rotation (camera to world; w, x, y, z), vertical field of view in radians, and shift of a camera: its principal
-/// point from the middle of its picture, to the right and down, in heights of the picture.
+/// Position, rotation (camera to world; w, x, y, z), vertical field of view in radians, shift and stretch of a camera. The shift is its
+/// principal point from the middle of its picture, to the right and down, in heights of the picture; the stretch is its horizontal focal
+/// length over the vertical one.
 pub(super) fn pose(camera: &Camera) -> Value {
     let q = DQuat::from_mat3(&camera.rotation.transpose());
     let (size, corner) = (DVec2::new(camera.width.into(), camera.height.into()), camera.whole().corner);
@@ -124,6 +125,7 @@ pub(super) fn pose(camera: &Camera) -> Value {
     let shift = (camera.principal - DVec2::from(corner.map(f64::from)) - 0.5 * size) / size.y;
     json!({
         "position": camera.centre().to_array(), "rotation": [q.w, q.x, q.y, q.z], "fov": fov, "shift": shift.to_array(),
+        "stretch": camera.focal.x / camera.focal.y,
     })
 }
 
@@ -148,7 +150,7 @@ impl Subject {
         let look = Look::default();
         let (start, target) = match (&self.capture, &self.outline) {
             (Some(capture), _) => {
-                let first = capture.split.test.first().copied().unwrap_or(0);
+                let first = capture.scene.ahead(capture.split.test.first().copied().unwrap_or(0));
                 let camera = capture.camera(first);
                 let centre = capture.scene.centre(&(0..capture.scene.views.len()).collect::<Vec<_>>());
                 let target = camera.as_ref().map_or(centre, |c| capture.scene.sight(c));

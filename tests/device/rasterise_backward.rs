@@ -5,7 +5,7 @@ use crate::support::golden::Case;
 use crate::support::gradient_bounds::{gradient_bounds, within};
 use crate::support::synthetic::{narrowed, random_scene, small_camera};
 use crate::support::{Random, device, finish, opened, relative};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::Device;
 use qirf_vk::kernels::constants::blending::TRANSMITTANCE_STOP;
@@ -13,6 +13,7 @@ use qirf_vk::reference::{self, Params};
 use qirf_vk::render::{Backward, Settings, Style};
 use qirf_vk::scene::camera::Camera;
 use qirf_vk::selftest::backward::{Drawn, expected, there_and_back_as, twin, weights};
+use qirf_vk::selftest::project::ahead;
 
 /// Gradients of sum(weights . (red, green, blue, alpha)) by the stored parameters, computed on the device.
 fn gradients(device: &Device, model: &Gaussians, camera: &Camera, settings: Settings, weights: &[[f32; 4]]) -> Params {
@@ -174,15 +175,8 @@ fn the_twins_gradients_at_any_size() {
 /// Layers on one pixel, equal or of different colours: the largest error of dL/dalpha, in roundings (2^-24) of the
 /// brightest layer's contribution, and the number of layers that the pixel blended.
 fn layers(device: &Device, count: usize, logit: f32, alike: bool, stop: f32) -> (f64, usize) {
-    let camera = Camera {
-        rotation: glam::DMat3::IDENTITY,
-        translation: glam::DVec3::ZERO,
-        focal: glam::DVec2::splat(8.0),
-        principal: glam::DVec2::splat(0.5),
-        width: 1,
-        height: 1,
-        whole: None,
-    };
+    let (focal, principal) = (DVec2::splat(8.0), DVec2::splat(0.5));
+    let camera = Camera { focal, principal, width: 1, height: 1, ..ahead() };
     let mut r = Random(1);
     let sh = vec![(0..3 * count).map(|_| if alike { 1.3 } else { r.within(-1.5, 1.5) as f32 }).collect()];
     let model = Gaussians { sh, ..Gaussians::balls(vec![[0.0, 0.0, 2.0]; count], -1.0, logit, 0) };

@@ -126,10 +126,7 @@ fn assembly<'a>(
 
 #[test]
 fn rrdm_is_its_twins_in_every_hard_case() {
-    hard_cases(&device());
-}
-
-pub fn hard_cases(device: &Device) {
+    let device = &device();
     let (gaussians, starts) = blocks(&SIZES, 5);
     let n = gaussians.len() as u32;
     // Members in an order other than the model's.
@@ -183,10 +180,7 @@ fn apart_or_copies(sizes: &[usize], copies: bool) -> (Vec<Row>, Vec<u32>) {
 /// failed; with epsilon 0 if N is well conditioned, and 1e-12 otherwise.
 #[test]
 fn solutions_of_the_hard_cases_are_the_twins_or_fail() {
-    solved_hard_cases(&device());
-}
-
-pub fn solved_hard_cases(device: &Device) {
+    let device = &device();
     for (copies, epsilon) in [(false, 0.0), (false, 1e-4), (true, 1e-4), (true, 1e-12)] {
         let (gaussians, starts) = apart_or_copies(&SOLVED, copies);
         let members: Vec<u32> = (0..gaussians.len() as u32).collect();

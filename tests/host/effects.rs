@@ -129,7 +129,7 @@ fn captures_without_tracks_and_with_wrong_poses_tell_what_they_call_for() {
     assert!(advice.is_empty() && !is_on(&told.decisions, Effect::Poses), "{advice:?}");
     for (zoomed, on) in [((1.0, 2.0), true), ((1.1, 0.1), false)] {
         for view in &mut prepared.scene.views {
-            view.misfit = Some(Misfit { px: 2.0, diagonal: 120.0, behind: false, reread: [f64::INFINITY; 2], zoomed });
+            view.misfit = Some(Misfit { px: 2.0, diagonal: 120.0, behind: false, reread: [f64::INFINITY; 3], zoomed });
         }
         let (told, advice) = decide(&prepared, &config).unwrap();
         assert_eq!(is_on(&told.decisions, Effect::Poses), on, "{zoomed:?}");

@@ -1,11 +1,12 @@
 //! Initial models.
 
 use crate::support::Random;
+use crate::support::files::writers::{picture, row, write};
 use glam::DVec3;
-use qirf_vk::scene::Photo;
 use qirf_vk::scene::camera::Camera;
+use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, Scene};
 use qirf_vk::train::Error;
-use qirf_vk::train::initialise::{Seed, from_points, random};
+use qirf_vk::train::initialise::{Seed, from_points, of_scene, random};
 use std::time::Instant;
 
 fn points(count: usize, seed: u64) -> Vec<Seed> {
@@ -36,10 +37,51 @@ fn scales_are_distances_to_three_neighbours() {
             assert!((1.0 / (1.0 + (-model.opacity_logits[i]).exp()) - 0.1).abs() < 1e-6);
             for c in 0..3 {
                 let colour = 0.28209479177387814 * f64::from(model.sh[0][3 * i + c]) + 0.5;
-                assert!((colour - p.colour[c]).abs() < 1e-6);
+                assert!((colour - p.colour[c].max(1.0 / 255.0)).abs() < 1e-6);
             }
         }
     }
+}
+
+/// At 0, a Gaussian would draw nothing, and never change.
+#[test]
+fn black_points_draw_something() {
+    let model = from_points(&[Seed { position: DVec3::ZERO, normal: None, colour: DVec3::new(0.0, 1.0, 0.5) }]);
+    let drawn: Vec<f64> = model.sh[0].iter().map(|sh| 0.28209479177387814 * f64::from(*sh) + 0.5).collect();
+    assert!(drawn[0] > 0.003 && (drawn[1] - 1.0).abs() < 1e-6 && (drawn[2] - 0.5).abs() < 1e-6, "{drawn:?}");
+}
+
+/// Points of one colour get those of the photos that see them, a point that none sees that of the others; points of several colours
+/// keep theirs.
+#[test]
+fn points_without_colours_have_those_of_the_photos() {
+    let names = ["a.png", "b.png", "c.png"];
+    // Before the middle camera, which is at x = 1.
+    let at = |k: u32| [0.75 + 0.1 * f64::from(k % 6), 0.05 + 0.3 * f64::from(k / 6), 5.0];
+    let seeds = |first: [u8; 3]| {
+        let mut model = row(&names);
+        let places = (0..12).map(at).chain([[1.0, 0.0, -5.0]]);
+        model.points = places.map(|place| (place, [7; 3], 0.5, vec![1, 2, 3])).collect();
+        model.points[0].1 = first;
+        let folder = tempfile::tempdir().unwrap();
+        write(&folder.path().join("sparse/0"), model.text());
+        for name in names {
+            picture(&folder.path().join("images").join(name), 64, 48);
+        }
+        let mut scene = Scene::open(folder.path(), &OpenOptions::default()).unwrap();
+        let photos = scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
+        (of_scene(&scene, &photos).unwrap(), scene.skipped.notes.join("; "))
+    };
+    let (plain, note) = seeds([7; 3]);
+    assert!(note.contains("13 points without colours, or all of one (7, 7, 7): training from them starts"), "{note}");
+    for (k, seed) in (0..12).zip(&plain) {
+        let [x, y] = [29 + k % 6, if k < 6 { 24 } else { 27 }]; // in the middle photo, whose colours are the medians
+        let shown = DVec3::from([255 * x / 64, 255 * y / 48, 90].map(|c: u32| f64::from(c) / 255.0));
+        assert!((seed.colour - shown).length() < 1e-9, "{k}: {} {shown}", seed.colour);
+    }
+    assert!((plain[12].colour.z - 90.0 / 255.0).abs() < 1e-9 && plain[12].colour.x > 0.1, "{}", plain[12].colour);
+    let (own, note) = seeds([8; 3]);
+    assert!(note.is_empty() && own[1].colour == DVec3::splat(7.0 / 255.0), "{note}");
 }
 
 /// A surface that lies in a cloud four times, each time a little aside, has Gaussians as large as those of one surface.
@@ -118,7 +160,7 @@ fn ring(count: usize, size: [u32; 2]) -> Vec<Photo> {
 }
 
 /// Cameras in a row, all with the same direction: their axes never meet.
-fn row(count: usize) -> Vec<Photo> {
+fn photos_in_a_row(count: usize) -> Vec<Photo> {
     let mut views = ring(count, [40, 30]);
     for (i, view) in views.iter_mut().enumerate() {
         let eye = DVec3::new(0.3 * i as f64, 0.0, 0.0);
@@ -138,18 +180,11 @@ fn outward(count: usize) -> Vec<Photo> {
     views
 }
 
-fn sees(view: &Photo, position: DVec3) -> bool {
-    let camera = &view.camera;
-    let p = camera.rotation * position + camera.translation;
-    let at = p.truncate() / p.z * camera.focal + camera.principal;
-    p.z > 0.0 && at.x >= 0.0 && at.y >= 0.0 && at.x < f64::from(camera.width) && at.y < f64::from(camera.height)
-}
-
 #[test]
 fn random_points_lie_where_cameras_look() {
     let scenes = [
         ("ring", ring(12, [40, 30])),
-        ("row", row(6)),
+        ("row", photos_in_a_row(6)),
         ("outward", outward(8)),
         ("two", ring(24, [40, 30])[..2].to_vec()),
         ("one", ring(1, [40, 30])),
@@ -160,17 +195,13 @@ fn random_points_lie_where_cameras_look() {
         for seed in &seeds {
             assert!(seed.position.is_finite());
             assert!(seed.colour.min_element() >= 0.0 && seed.colour.max_element() <= 1.0);
-            let seen = views.iter().filter(|v| sees(v, seed.position)).count();
+            let seen = views.iter().filter(|v| v.camera.shows(seed.position)).count();
             assert!(seen >= views.len().min(3), "{name}: {:?} is seen by {seen}", seed.position);
         }
         assert_ne!(seeds, random(&views, 2000, false, 4).unwrap(), "{name}: another seed");
         assert!(random(&views, 0, false, 1).unwrap().is_empty() && random(&views, 1, false, 1).unwrap().len() == 1);
     }
     assert!(matches!(random(&[], 100, false, 1), Err(Error::NoViews)));
-}
-
-fn depth(view: &Photo, position: DVec3) -> f64 {
-    (view.camera.rotation * position + view.camera.translation).z
 }
 
 /// A scene in small units: much of the space in view lies before the near planes, and gets no point.
@@ -185,7 +216,8 @@ fn random_points_keep_off_the_lenses() {
         assert_eq!(seeds.len(), 2000, "{scale}");
         for seed in &seeds {
             let stored = seed.position.as_vec3().as_dvec3();
-            let near = views.iter().filter(|v| sees(v, stored)).map(|v| depth(v, stored)).fold(f64::MAX, f64::min);
+            let seen = views.iter().map(|view| &view.camera).filter(|camera| camera.shows(stored));
+            let near = seen.map(|camera| camera.depth(stored)).fold(f64::MAX, f64::min);
             assert!(near >= f64::from(0.2_f32), "{scale}: {near} before a camera");
         }
     }
@@ -233,8 +265,8 @@ fn cameras_at_one_place_have_points_at_usual_distances() {
     }
     for views in [one, turned] {
         let seeds = random(&views, 500, false, 3).unwrap();
-        let view = |s: &Seed| views.iter().find(|v| sees(v, s.position)).unwrap();
-        let mut depths: Vec<f64> = seeds.iter().map(|s| depth(view(s), s.position)).collect();
+        let view = |s: &Seed| views.iter().find(|v| v.camera.shows(s.position)).unwrap();
+        let mut depths: Vec<f64> = seeds.iter().map(|s| view(s).camera.depth(s.position)).collect();
         depths.sort_by(f64::total_cmp);
         assert!(depths[0] > 1.0 && (2.0..20.0).contains(&depths[250]), "{depths:?}");
     }
@@ -251,7 +283,7 @@ fn two_panoramas_have_points() {
         view.camera = Camera::look_at(eye, eye + way, up, std::f64::consts::FRAC_PI_2, 40, 40);
     }
     let seeds = random(&views, 500, false, 3).unwrap();
-    assert!(seeds.iter().all(|s| views.iter().filter(|v| sees(v, s.position)).count() >= 2));
+    assert!(seeds.iter().all(|s| views.iter().filter(|v| v.camera.shows(s.position)).count() >= 2));
 }
 
 #[test]

@@ -233,20 +233,6 @@ fn gradients_by_the_pose() {
     }
 }
 
-/// Loss and renderer together: the gradient that training uses.
-#[test]
-fn loss_through_the_renderer() {
-    let camera = small_camera(16, 16);
-    let params = random_scene(&camera, 4);
-    let settings = Settings { smooth_cutoff: true, antialias: true, ..Settings::default() };
-    let mut random = Random(5);
-    let truth: Vec<[f64; 3]> = (0..16 * 16).map(|_| [0; 3].map(|_| random.unit())).collect();
-    let value = |p: &Params| loss::loss(&render(p, &camera, &settings).composite.image, &truth, 16, loss::SSIM_WEIGHT);
-    let analytic = gradients(&params, &camera, &settings, &value(&params).gradient, None);
-    let quotients = difference_quotients(&params, 1e-5, |p| value(p).value);
-    assert_agree("loss", &analytic.params, &quotients, 1e-7);
-}
-
 /// Tiles and the exact extent only skip pairs: every Gaussian against every pixel gives the same bits.
 #[test]
 fn tiles_change_nothing() {

@@ -1,11 +1,12 @@
 //! `tools/benchmark`: the protocol of cited benchmarks, on synthetic captures laid out as those sets.
 
+use super::ended::{end, works};
 use crate::support::skip;
 use qirf_vk::synth::{SynthOptions, write};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 
 /// In the program's place, with 300 Gaussians at most. With `FAKE_WAITS` it waits for a signal, then takes 0.6 s to write its
 /// checkpoint; a second signal, unless a hang-up, ends it without, as it ends the program.
@@ -41,10 +42,6 @@ fn command(set: &str, folder: &Path, more: &[&str]) -> Command {
     program
 }
 
-fn benchmark(set: &str, folder: &Path, more: &[&str]) -> Output {
-    command(set, folder, more).output().expect("python3 starts")
-}
-
 /// Returns true if there is Python; prints a note if not.
 fn python() -> bool {
     let there = Command::new("python3").arg("--version").output().is_ok();
@@ -67,9 +64,9 @@ fn sets_are_trained_by_the_protocol_and_others_are_refused() {
     fs::rename(folder.path().join("bonsai/images"), folder.path().join("bonsai/images_2")).unwrap();
 
     let short = ["--iterations", "30", "--counts", "own,50"];
-    let ran = benchmark("tanks", folder.path(), &short);
-    let (table, told) = (String::from_utf8_lossy(&ran.stdout), String::from_utf8_lossy(&ran.stderr));
-    assert!(ran.status.success() && table.contains("30 iterations, which is not the protocol"), "{table}{told}");
+    let ran = works(&mut command("tanks", folder.path(), &short));
+    let table = &ran.out;
+    assert!(table.contains("30 iterations, which is not the protocol"), "{table}{}", ran.said);
     let rows = |with: &str| table.lines().filter(|line| line.contains(with)).count();
     assert_eq!([rows("| train |"), rows("| truck |"), rows("**mean**"), rows("as published")], [2, 2, 2, 1], "{table}");
     assert_eq!(fs::read_to_string(folder.path().join("out/table.md")).unwrap().trim(), table.trim());
@@ -79,16 +76,15 @@ fn sets_are_trained_by_the_protocol_and_others_are_refused() {
     assert!(results.iter().filter(|r| r["count"] == "50").all(|r| r["Gaussians"] == 50), "{results:?}");
 
     // What is done is not trained again.
-    let again = benchmark("tanks", folder.path(), &short);
-    assert!(again.status.success() && again.stdout == ran.stdout && again.stderr.is_empty());
+    let again = works(&mut command("tanks", folder.path(), &short));
+    assert!(again.out == ran.out && again.said.is_empty());
     // Neither a trial of another length nor another set in the same folder passes for it.
-    let other = benchmark("tanks", folder.path(), &["--iterations", "31", "--counts", "own"]);
-    let told = String::from_utf8_lossy(&other.stderr);
-    assert!(other.status.code() == Some(2) && told.contains("iterations is 30, not 31"), "{told}");
+    let other = ["--iterations", "31", "--counts", "own"];
+    end(&mut command("tanks", folder.path(), &other)).with(2, &["iterations is 30, not 31"]);
     // The set's own photos, and a part of its scenes.
     let part = ["--iterations", "30", "--counts", "own", "--scenes", "bonsai"];
-    let ran = benchmark("mipnerf360", folder.path(), &part);
-    assert!(String::from_utf8_lossy(&ran.stdout).contains("; 1 of 9 scenes"), "{ran:?}");
+    let ran = end(&mut command("mipnerf360", folder.path(), &part));
+    assert!(ran.out.contains("; 1 of 9 scenes"), "{}{}", ran.out, ran.said);
 
     for (set, more, code, says) in [
         ("mipnerf360", vec![], 3, "is not the set mipnerf360: bicycle/images_4 is not there"),
@@ -97,9 +93,7 @@ fn sets_are_trained_by_the_protocol_and_others_are_refused() {
         ("tanks", vec!["--counts", "own,0"], 2, "write own or whole numbers above 0"),
         ("tanks", vec!["--program", "absent", "--scenes", "train, truck"], 2, "there is no program absent"),
     ] {
-        let refused = benchmark(set, folder.path(), &more);
-        let told = String::from_utf8_lossy(&refused.stderr);
-        assert!(refused.status.code() == Some(code) && told.contains(says), "{refused:?}");
+        end(&mut command(set, folder.path(), &more)).with(code, &[says]);
     }
 }
 
@@ -137,9 +131,8 @@ fn signals_leave_time_for_a_checkpoint_and_damaged_files_and_short_counts_are_to
         fs::remove_dir_all(&run).unwrap();
     }
 
-    let ran = with("own,200,400").output().unwrap();
-    let table = String::from_utf8_lossy(&ran.stdout);
-    assert!(table.matches("| 300† |").count() == 2 && table.contains("† fewer Gaussians than the count"), "{ran:?}");
+    let table = end(&mut with("own,200,400")).out;
+    assert!(table.matches("| 300† |").count() == 2 && table.contains("† fewer Gaussians than the count"), "{table}");
     let results: Value = serde_json::from_slice(&fs::read(folder.path().join("out/table.json")).unwrap()).unwrap();
     let short: Vec<_> = results.as_array().unwrap().iter().map(|r| r["short"].as_bool()).collect();
     assert_eq!(short, [Some(false), Some(false), Some(true)]);
@@ -150,8 +143,6 @@ fn signals_leave_time_for_a_checkpoint_and_damaged_files_and_short_counts_are_to
         ("benchmark.json", "[]", 2, "is another run: scene is unknown"),
     ] {
         fs::write(run.join(file), text).unwrap();
-        let refused = with("own").output().unwrap();
-        let told = String::from_utf8_lossy(&refused.stderr);
-        assert!(refused.status.code() == Some(code) && told.contains(says), "{file} {text}: {told}");
+        end(&mut with("own")).with(code, &[says]);
     }
 }

@@ -134,8 +134,28 @@ fn cameras_crop_what_they_see() {
     let seen = read(&sandbox, "seen.ply").len();
     sandbox.works(&["edit", "model.ply", "-o", "rest.ply", "--crop-views", "low", "--outside"]);
     assert!(seen > 0 && seen + read(&sandbox, "rest.ply").len() == 20);
-    sandbox.fails(2, &[&crop[..], &["--least-views", "3"]].concat(), &["at least 3 views", "2 views", "--least-views"]);
+    sandbox.fails(2, &[&crop[..], &["--least-views", "3"]].concat(), &["3 photos", "2 photos", "--least-views"]);
+    // The faces of a photo are one photo, whose rim may lie within them.
+    sandbox.scene("wide", "1 OPENCV_FISHEYE 96 72 22 22 48 36 0 0 0 0", &["one.png"]);
+    let beyond = Gaussians { means: vec![[0.0; 3], [1.9, 0.0, -4.14]], ..model(2) };
+    write(&sandbox, "beyond.ply", &beyond, RenderMode::Plain);
+    let wide = ["edit", "beyond.ply", "-o", "seen.ply", "--crop-views", "wide"];
+    sandbox.works(&wide);
+    assert_eq!(read(&sandbox, "seen.ply").means, [[0.0; 3]]);
+    sandbox.fails(2, &[&wide[..], &["--least-views", "2"]].concat(), &["at least 2 photos", "wide has 1 photo;"]);
     sandbox.fails(3, &["edit", "model.ply", "-o", "o.ply", "--crop-views", "absent"], &["absent"]);
+}
+
+/// The crop moves no coordinates of the model, wherever the capture lies.
+#[test]
+fn a_far_capture_tells_nothing_about_the_model() {
+    let sandbox = Sandbox::new();
+    let folder = sandbox.scene("far", "1 PINHOLE 40 30 35 35 20 15", &["one.png"]).join("sparse/0");
+    let poses = "1 1 0 0 0 -1000000 0 4 1 one.png\n\n2 1 0 0 0 -1000001 0 4 1 two.png\n\n";
+    fs::write(folder.join("images.txt"), poses).unwrap();
+    fs::write(folder.join("points3D.txt"), "1 1000000 0 0 10 20 30 0.5 1 0\n").unwrap();
+    let ran = sandbox.works(&["edit", "model.ply", "--count-only", "--crop-views", "far"]);
+    assert!(ran.said.contains("far from its world's origin") && !ran.said.contains("of the model"), "{}", ran.said);
 }
 
 #[test]
@@ -235,18 +255,14 @@ fn bad_requests_write_nothing_and_say_why() {
 
 /// A ball of 400 Gaussians, and a scene of nine cameras all round it whose photos are its own pictures.
 fn ball(sandbox: &Sandbox) -> Gaussians {
-    let mut ball = Gaussians::zeroed(400, 0);
-    for i in 0..400 {
+    let mean = |i: usize| {
         let (z, turn) = (1.0 - (i as f32 + 0.5) / 200.0, i as f32 * 2.399_963);
         let side = (1.0 - z * z).sqrt();
-        ball.means[i] = [side * turn.cos(), z, side * turn.sin()];
-        ball.log_scales[i] = [-2.3, -2.3, -2.3];
-        ball.rotations[i] = [1.0, 0.0, 0.0, 0.0];
-        ball.opacity_logits[i] = 3.0;
-        for c in 0..3 {
-            ball.sh[0][3 * i + c] = ((i * (7 + c)) % 10) as f32 / 5.0 - 1.0;
-        }
-    }
+        [side * turn.cos(), z, side * turn.sin()]
+    };
+    let colour = |k: usize| (k / 3 * (7 + k % 3) % 10) as f32 / 5.0 - 1.0;
+    let sh = vec![(0..3 * 400).map(colour).collect()];
+    let ball = Gaussians { sh, ..Gaussians::balls((0..400).map(mean).collect(), -2.3, 3.0, 0) };
     write(sandbox, "ball.ply", &ball, RenderMode::Plain);
     let names: Vec<String> = (0..9).map(|i| format!("v{i}.png")).collect();
     let round = sandbox.scene("round", "1 PINHOLE 64 48 60 60 32 24", &["v0.png"]);

@@ -1,5 +1,6 @@
 //! The program as tests start it, and how it ends.
 
+pub use crate::support::content;
 use qirf_vk::synth::{SynthOptions, write};
 use serde_json::Value;
 use std::ffi::OsStr;
@@ -88,18 +89,4 @@ pub fn rescale(model: &Path, factor: f64) {
         let text = fs::read_to_string(model.join(file)).unwrap();
         fs::write(model.join(file), text.lines().map(scaled).collect::<String>()).unwrap();
     }
-}
-
-/// Every file below a folder with its content; none if there is no folder.
-pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
-    let mut found = Vec::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).into_iter().flatten() {
-            let path = entry.unwrap().path();
-            if path.is_dir() { folders.push(path) } else { found.push((path.clone(), fs::read(path).unwrap())) }
-        }
-    }
-    found.sort();
-    found
 }

@@ -122,11 +122,17 @@ fn a_finished_run_is_left_as_it_is() {
     // A new run takes away what was made of the old one.
     let newer = folder.path().join("newer");
     std::fs::create_dir(&newer).unwrap();
-    for file in ["report.html", "model.sog"] {
+    for folder in ["renders/photos", "renders/dense"] {
+        std::fs::create_dir_all(newer.join(folder)).unwrap();
+    }
+    let pictures = ["renders/a.png", "renders/photos/a.png", "renders/dense/a.png"];
+    for file in ["report.html", "model.sog", "renders/own.png"].iter().chain(&pictures) {
         std::fs::write(newer.join(file), "of an older run").unwrap();
     }
+    std::fs::write(newer.join("metrics.json"), r#"{"views": [{"name": "a.jpg", "psnr": 9.0}]}"#).unwrap();
     works(&mut command(&scene, &newer, &["--no-report"]));
     assert!(!newer.join("report.html").exists() && !newer.join("model.sog").exists());
+    assert!(pictures.iter().all(|file| !newer.join(file).exists()) && newer.join("renders/own.png").exists());
     says(&mut command(&scene, &newer, &["--resume"]), 0, &["it has no report.html"]);
     let own = folder.path().join("scene");
     copy(&scene, &own);
@@ -137,6 +143,9 @@ fn a_finished_run_is_left_as_it_is() {
     std::fs::create_dir(&foreign).unwrap();
     std::fs::copy(out.join("model.ply"), foreign.join("model.ply")).unwrap();
     says(&mut command(&scene, &foreign, &[]), 2, &["foreign/model.ply does not belong to a run"]);
+    for pictures in ["renders", "renders/photos"] {
+        says(&mut command(&scene, &out.join(pictures), &[]), 2, &["holds the pictures of another run"]);
+    }
     let mut compare = qirf(["compare".as_ref(), scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);
     says(&mut compare, 2, &["holds a run and its figures"]);
     let (model, renders) = (out.join("model.ply"), out.join("renders"));

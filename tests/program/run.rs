@@ -3,6 +3,7 @@
 use super::cli::model as small_model;
 use super::ended::{Ended, capture, end, qirf, works};
 use crate::support::{new_device, runs};
+use qirf_vk::gaussians::formats::{self, RenderMode};
 use qirf_vk::gpu::Device;
 use qirf_vk::job::run_log::LogLine;
 use qirf_vk::job::{Init, Preset, RunConfig, Session, Silent};
@@ -64,11 +65,12 @@ fn a_run_too_short_for_its_prune_says_so() {
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     for (iterations, told) in [("1", true), ("2", false)] {
-        let out = folder.path().join(iterations);
-        let mut short = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &*out]);
+        let (out, file) = (folder.path().join(iterations), folder.path().join(format!("{iterations}.safetensors")));
+        let mut short = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &*out, "--diagnostics".as_ref(), &*file]);
         let ended = works(short.args(["--iterations", iterations, "--no-report", "--grow-to", "500"]));
         assert_eq!(ended.said.contains("the model is not pruned"), told, "{}", ended.said);
-        assert!(ended.said.contains("--grow-to 500: the model grew to "), "{}", ended.said);
+        assert_eq!(ended.said.contains(".safetensors is not written: the model was not"), told, "{}", ended.said);
+        assert!(ended.said.contains("--grow-to 500: the model grew to ") && file.exists() != told, "{}", ended.said);
     }
 }
 
@@ -182,7 +184,7 @@ fn eval_gives_a_runs_model_the_runs_scores() {
     works(command.args(["--no-prune", "--resolution", "40"]).args(more));
     let (model, config) = (out.join("model.ply"), out.join("config.toml"));
     let run = metrics(&out);
-    assert_eq!(qirf_vk::gaussians::formats::read(&model).unwrap().mode.to_string(), "anti-aliased");
+    assert_eq!(formats::read(&model).unwrap().mode.to_string(), "anti-aliased");
 
     let [config_flag, o] = ["--config", "-o"].map(OsStr::new);
     let text = eval(&[model.as_ref(), config_flag, config.as_ref(), o, again.as_ref()]).with(0, &[]).out;
@@ -234,22 +236,20 @@ fn eval_gives_a_runs_model_the_runs_scores() {
 
 #[test]
 fn a_run_from_an_antialiased_model_is_antialiased() {
-    use qirf_vk::gaussians::formats::{self, RenderMode};
     let folder = tempfile::tempdir().unwrap();
     let scene = scene(folder.path());
     let [smooth, out] = ["smooth.ply", "out"].map(|name| folder.path().join(name));
-    let seed = |x: f64| qirf_vk::train::initialise::Seed {
-        position: glam::DVec3::X * x,
-        normal: None,
-        colour: glam::DVec3::ONE,
-    };
-    let few = qirf_vk::train::initialise::from_points(&[-0.5, 0.0, 0.5, 1.0].map(seed));
-    formats::write(&smooth, &few, RenderMode::AntiAliased).unwrap();
+    formats::write(&smooth, &small_model(4), RenderMode::AntiAliased).unwrap();
     for (more, antialias, says) in [
         (&[][..], true, "anti-aliased, and so is the run"),
         (&["--antialias=off"], false, "tagged as anti-aliased; the run is plain, as requested"),
         (&["--effect", "antialias=off"], false, "the run is plain"),
         (&["--antialias", "--dilation", "0.3"], true, ""),
+        (
+            &["--antialias", "--max-gaussians", "3"],
+            true,
+            "begins with all its 4 Gaussians; --max-gaussians 3 limits growth only",
+        ),
     ] {
         let mut command = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &out, "--init".as_ref(), &smooth]);
         command.args(["--iterations", "3", "--no-prune", "--resolution", "24", "--overwrite"]);
@@ -360,14 +360,9 @@ fn eval_refuses_what_it_cannot_score() {
     std::fs::write(&model, b"no model").unwrap();
     let refused = |code: i32, says: &str, arguments: &[&OsStr]| drop(eval(arguments).with(code, &[says]));
     let [o, every, zero] = ["-o", "--eval-every", "0"].map(OsStr::new);
-    refused(2, "name a scene", &[model.as_ref()]);
+    eval(&[model.as_ref()]).with(2, &["name a scene", "--config", "--against", "model.ply capture`"]);
     refused(3, "model.ply", &[model.as_ref(), scene.as_ref()]);
-    let one = qirf_vk::train::initialise::from_points(&[qirf_vk::train::initialise::Seed {
-        position: glam::DVec3::ZERO,
-        normal: None,
-        colour: glam::DVec3::ONE,
-    }]);
-    qirf_vk::gaussians::formats::write(&model, &one, qirf_vk::gaussians::formats::RenderMode::Plain).unwrap();
+    formats::write(&model, &small_model(1), RenderMode::Plain).unwrap();
     refused(2, "--eval-every 1", &[model.as_ref(), scene.as_ref(), every, zero]);
     let run = folder.path().join("run");
     std::fs::create_dir(&run).unwrap();
@@ -408,7 +403,7 @@ fn equal_pictures_are_called_equal() {
     let (black, out) = (folder.path().join("black.ply"), folder.path().join("out"));
     let mut model = small_model(20);
     model.sh[0].fill(-9.0);
-    qirf_vk::gaussians::formats::write(&black, &model, qirf_vk::gaussians::formats::RenderMode::Plain).unwrap();
+    formats::write(&black, &model, RenderMode::Plain).unwrap();
     let mut run = qirf(["run".as_ref(), &*scene, "-o".as_ref(), &*out]);
     let told = works(run.args(["--iterations", "2", "--no-prune", "--no-report", "--init"]).arg(&black)).out;
     assert!(told.contains("test   PSNR equal  SSIM 1.0000") && told.contains("train  PSNR equal\n"), "{told}");

@@ -20,4 +20,4 @@ pub mod synthetic;
 pub use device::{device, finish, new_device, opened, options, plain, repeats};
 pub use documented::documented;
 pub use numbers::{Random, greatest_difference, relative, seed};
-pub use shared::{shared, shared_as_well, skip, source};
+pub use shared::{content, shared, shared_as_well, skip, source};

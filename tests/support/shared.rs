@@ -1,8 +1,8 @@
-//! The location of shared data, and skipping of tests without them.
+//! The location of shared data, skipping of tests without them, and the files below a folder.
 
 use std::fs;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A path below the folder of shared data (`../shared`, or `QIRF_SHARED`); `None` if it is missing, and the test is
 /// skipped.
@@ -42,4 +42,18 @@ pub fn skip(reason: &str) {
     let file = fs::OpenOptions::new().create(true).append(true).open(path);
     let test = std::thread::current().name().unwrap_or("a test").to_owned();
     file.and_then(|mut file| file.write_all(format!("{reason}\t{test}\n").as_bytes())).expect("a note of the skip");
+}
+
+/// Every file below a folder with its content; none if there is no folder.
+pub fn content(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            if path.is_dir() { folders.push(path) } else { found.push((path.clone(), fs::read(path).unwrap())) }
+        }
+    }
+    found.sort();
+    found
 }

@@ -58,7 +58,7 @@ pub(super) struct Arguments {
     /// Print the removed Gaussians and the reasons as JSON on standard output
     #[arg(long)]
     json: bool,
-    /// Minimum number of cameras that see the centre of a Gaussian, for --crop-views [default: 1]
+    /// Minimum number of photos that show the centre of a Gaussian, for --crop-views [default: 1]
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     least_views: Option<u32>,
     #[command(flatten)]

@@ -44,7 +44,7 @@ use fault::Fault;
 pub use georeference::georeference;
 pub use output::{check_place, refuse_overwrite, remove_leftovers, write_atomically};
 pub use parts::parts;
-pub use precision::{Ladder, Precision, SogPrecision, SpzPrecision, ladder, usual};
+pub use precision::{Ladder, Precision, SogPrecision, SpzPrecision, ladder, unmeasured, usual};
 pub use render_mode::RenderMode;
 use render_mode::Tag;
 pub use repairs::{LOG_SCALE_FLOOR, OPACITY_LOGIT_LIMIT, Repairs};
@@ -143,8 +143,9 @@ fn read_alone(path: &Path) -> Result<Loaded, Error> {
     let io = |source| Error::Io { path: path.to_owned(), source };
     let data = fs::metadata(path).map_err(io)?;
     if let Some(meta) = sog_meta(path) {
-        let read = if is_levels(&meta) { sog::read_levels } else { sog::read_folder };
-        return read(meta.parent().unwrap_or(Path::new(""))).map(finish).map_err(|fault| fault.at(path));
+        let folder = meta.parent().unwrap_or(Path::new(""));
+        let parsed = if is_levels(&meta) { sog::read_level(folder, 0) } else { sog::read_folder(folder) };
+        return parsed.map(finish).map_err(|fault| fault.at(path));
     }
     if data.is_dir() {
         return Err(Error::Unsupported {
@@ -159,6 +160,15 @@ fn read_alone(path: &Path) -> Result<Loaded, Error> {
     }
     let bytes = fs::read(path).map_err(io)?;
     read_with(&bytes, path, Some(path.parent().unwrap_or(Path::new(""))))
+}
+
+/// Reads one level of detail of the model that a `lod-meta.json` describes: 0 is the finest, which [`read`] reads.
+///
+/// # Errors
+/// Those of [`read`].
+pub fn read_level(path: &Path, level: usize) -> Result<Gaussians, Error> {
+    let parsed = sog::read_level(path.parent().unwrap_or(Path::new("")), level);
+    parsed.map(|parsed| finish(parsed).gaussians).map_err(|fault| fault.at(path))
 }
 
 /// The `lod-meta.json` or `meta.json` that describes the SOG files beside it, if `path` is one, or a folder that holds one or

@@ -10,13 +10,14 @@ use crate::scene::origin::near;
 const EVEN: f64 = 1e-4;
 
 /// Moves a part of a model to its place in the file's world. Where the first part goes far from the world's origin, all count
-/// from there: `origin` gets that place. `what` names the part in the refusal of a map that scales axes by different factors.
+/// from there: `origin` gets that place. `what` names the part in the refusal of a map that scales axes by different factors, and in the
+/// warning that is returned if float32 rounds its positions.
 pub(super) fn place(
     model: &mut Gaussians,
     map: &DAffine3,
     origin: &mut Option<DVec3>,
     what: &str,
-) -> Result<(), Fault> {
+) -> Result<Option<String>, Fault> {
     // Below 0 for a map that mirrors, which is a turn and a reflection through the origin.
     let size = map.matrix3.determinant().cbrt();
     let turn = map.matrix3 * size.recip();
@@ -25,18 +26,20 @@ pub(super) fn place(
             "{what} is scaled by different factors along its axes; apply its transform in the program that made the file"
         )));
     }
-    let far = || {
-        let means: Vec<DVec3> = model.means.iter().map(|mean| DVec3::from(mean.map(f64::from))).collect();
-        near(map.translation, size.abs() * middle(&means).1)
-    };
-    let from = *origin.get_or_insert_with(|| if far() == DVec3::ZERO { DVec3::ZERO } else { map.translation });
+    let means: Vec<DVec3> = model.means.iter().map(|mean| DVec3::from(mean.map(f64::from))).collect();
+    let extent = size.abs() * middle(&means).1;
+    let is_far = |place: DVec3| near(place, extent) != DVec3::ZERO;
+    let from = *origin.get_or_insert_with(|| if is_far(map.translation) { map.translation } else { DVec3::ZERO });
     let shift = map.translation - from;
     if map.matrix3 != DMat3::IDENTITY || shift != DVec3::ZERO {
         // Only nearly orthonormal until it is a quaternion.
         let turn = DMat3::from_quat(DQuat::from_mat3(&turn).normalize());
         model.transform(turn * size.signum(), size.abs(), shift);
     }
-    Ok(())
+    Ok(is_far(shift).then(|| {
+        let step = f64::from(f32::EPSILON) * shift.abs().max_element();
+        format!("{what} lies far from the file's first part: its positions are rounded to about {step:.1e} units")
+    }))
 }
 
 /// The middle of places, and their extent without the outermost twentieth at each end of each axis; places that are not finite do

@@ -4,7 +4,7 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use super::{Format, Precision, RenderMode, georeference, gltf, ply, sog, usd, usual, write_atomically};
+use super::{Format, Precision, RenderMode, georeference, gltf, ply, sog, unmeasured, usd, usual, write_atomically};
 use crate::extension::{extension, has_extension};
 use crate::gaussians::{Error, Gaussians};
 
@@ -50,7 +50,7 @@ pub fn is_exact(path: &Path) -> bool {
 
 /// Writes `gaussians` to `path` in the format of its extension: `.ply` (bit-exact), `.glb`, `.gltf`, `.usda` or
 /// `.usdz` (exact but for rounding exponentials and unit quaternions), `.spz` (version 4), `.sog` or `.compressed.ply` (quantised
-/// as [`usual`]), completely or not at all; with the tag of `mode`. SOG and compressed PLY do not keep the order of the Gaussians, SOG not that of their axes either.
+/// as [`unmeasured`]), completely or not at all; with the tag of `mode`. SOG and compressed PLY do not keep the order of the Gaussians, SOG not that of their axes either.
 ///
 /// Call [`refuse_overwrite`](super::refuse_overwrite) first where the model came from a file.
 ///
@@ -71,7 +71,7 @@ pub fn write_at(path: &Path, gaussians: &Gaussians, mode: RenderMode, origin: [f
 /// Writes a file's bytes.
 type Body<'a> = Box<dyn FnOnce(&mut dyn Write) -> io::Result<()> + 'a>;
 
-/// A file in the format of its extension. Formats of few digits are packed now, as [`usual`] unless `how` is given.
+/// A file in the format of its extension. Formats of few digits are packed now, as [`unmeasured`] unless `how` is given.
 fn body<'a>(
     path: &Path,
     gaussians: &'a Gaussians,
@@ -79,7 +79,7 @@ fn body<'a>(
     how: Option<(Precision, SpzVersion)>,
 ) -> Result<Body<'a>, Error> {
     gaussians.validate()?;
-    let how = || how.unwrap_or_else(|| (usual(path, gaussians), SpzVersion::default()));
+    let how = || how.unwrap_or_else(|| (unmeasured(path, gaussians), SpzVersion::default()));
     let packed = match written_as(path) {
         Some(Format::Ply) => return Ok(Box::new(move |out| ply::write(out, gaussians, mode, origin))),
         Some(Format::CompressedPly) => {
@@ -116,8 +116,9 @@ pub fn write_levels(path: &Path, levels: &[Gaussians], (mode, origin): (RenderMo
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     let earlier = sog::folders_of_levels(folder);
-    let precision = usual(Path::new("model.sog"), &levels[0]).of_sog();
-    let files = sog::pack_levels(levels, mode, &precision).map_err(|fault| fault.at(path))?;
+    let precision = |level| unmeasured(Path::new("model.sog"), level).of_sog();
+    let precisions: Vec<_> = levels.iter().map(precision).collect();
+    let files = sog::pack_levels(levels, mode, &precisions).map_err(|fault| fault.at(path))?;
     let stale = earlier.into_iter().filter(|part| !files.iter().any(|(name, _)| Path::new(name).starts_with(part)));
     let stale: Vec<PathBuf> = stale.collect();
     for (name, content) in files {

@@ -129,32 +129,16 @@ fn unknown(all: &[(&DeviceInfo, usize)], wanted: Option<&str>) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use super::properties::Report;
     use super::*;
-    use crate::gpu::info::DeviceClass;
 
     fn device(index: usize, name: &str, kind: DeviceKind) -> DeviceInfo {
         DeviceInfo {
-            index,
             name: name.into(),
             kind,
-            class: DeviceClass::Cpu,
-            driver: String::new(),
-            api: String::new(),
-            subgroup_size: 32,
-            subgroup_range: [32; 2],
-            max_buffer_bytes: 0,
-            max_storage_buffers: 0,
-            push_bytes: 0,
-            memory_bytes: 0,
-            shared_bytes: 0,
-            max_workgroup: 0,
-            timestamp_period: 0.0,
-            optional: Vec::new(),
-            vendor: 0,
             uuid: Some(Uuid([index as u8; 16])),
             pci: Some(PciAddress { domain: 0, bus: 0x10 * (index as u32 + 1), device: 0, function: 0 }),
-            hidden_by: None,
-            missing: None,
+            ..Report::default().info(index)
         }
     }
 

@@ -9,6 +9,7 @@ use crate::qirf::partition::Partition;
 use crate::qirf::select::budget::Keep;
 use crate::qirf::study::{Basis, Overlap};
 use crate::render::Style;
+use crate::scene::Resize;
 use crate::train::schedule::Schedule;
 use std::fmt::{Display, LowerExp};
 use std::ops::RangeInclusive;
@@ -21,6 +22,10 @@ pub const MOST_GAUSSIANS: usize = 100_000_000;
 const BLOCK: RangeInclusive<usize> = 16..=8000;
 /// Learning rates, weights, gradients and scales.
 const POSITIVE: RangeInclusive<f64> = 1e-30..=1e6;
+/// Steps from one held-out photo to the next.
+const EVERY: RangeInclusive<usize> = 0..=1_000_000;
+/// Degrees from straight down to the horizon.
+const POLE: RangeInclusive<f64> = 0.0..=90.0;
 /// Shares.
 pub const SHARE: RangeInclusive<f64> = 0.0..=1.0;
 /// Numbers of 0 or more.
@@ -54,6 +59,11 @@ pub fn overlap(basis: &Basis) -> Result<(), String> {
 
 /// Checks every number of a configuration.
 pub fn check(config: &RunConfig) -> Result<(), String> {
+    if let Some(text) = &config.resolution {
+        text.parse::<Resize>().map_err(|what| format!("resolution: {what}"))?;
+    }
+    within("pole_mask", config.pole_mask, &POLE)?;
+    within("eval_every", config.eval_every, &EVERY)?;
     within("sh_degree", config.sh_degree, &(0..=MAX_SH_DEGREE))?;
     within("max_gaussians", config.max_gaussians, &(1..=MOST_GAUSSIANS))?;
     if let Some(count) = config.init_count {
@@ -115,6 +125,10 @@ fn schedule(s: &Schedule) -> Result<(), String> {
 }
 
 fn pruning(p: &Pruning) -> Result<(), String> {
+    // Dense arms of a comparison prune never, and change their loss.
+    if p.at.is_empty() && p.l2_from.is_none() {
+        return Err("prune.at = []: write a share of the run, or leave out the table [prune]".to_owned());
+    }
     let mut before = 0.0;
     for &at in &p.at {
         within("prune.at (rising shares of the run)", at, &(before..=1.0))?;
@@ -176,6 +190,9 @@ mod tests {
             let gradual = Pruning::gradual();
             assert_eq!(check(&run.pruned(gradual)), Ok(()));
         }
+        let dense = Pruning { at: Vec::new(), l2_from: Some(0.5), attrition: None, ..Pruning::default() };
+        let arm = RunConfig { prune: Some(dense), ..RunConfig::sample(Preset::Standard) };
+        assert_eq!(check(&arm), Ok(()));
         // The usual multiple of this number is beyond the largest one.
         let many = PruneRule { keep: Keep::Count(30_000_000), ..PruneRule::default() };
         let run = RunConfig::sample(Preset::Standard).pruned(Pruning { compression: many, ..Pruning::default() });
@@ -192,6 +209,7 @@ mod tests {
         let pruned = |f: fn(&mut Pruning)| with(&|c| c.prune.iter_mut().for_each(f));
         // The iteration at this share, plus 1, would exceed 32 bits.
         assert!(pruned(|p| p.average_from = 1e9).starts_with("prune.average_from = 1000000000:"));
+        assert!(pruned(|p| p.at = Vec::new()).starts_with("prune.at = []: write a share of the run"));
         assert!(pruned(|p| p.at = vec![0.4, 0.2]).contains("from 0.4 to 1"));
         assert!(pruned(|p| p.at = vec![f64::NAN]).contains("prune.at"));
         assert!(pruned(|p| p.compression.keep = Keep::Share(0.0)).contains("keep.share"));
@@ -211,6 +229,11 @@ mod tests {
         assert!(with(&|c| c.schedule.iterations = 0).contains("schedule.iterations = 0: write a number from 1"));
         assert!(with(&|c| c.schedule.position_rate = -1.0).contains("position_rate = -1"));
         assert!(with(&|c| c.max_gaussians = usize::MAX).contains("max_gaussians"));
+        assert!(with(&|c| c.eval_every = usize::MAX).ends_with(": write a number from 0 to 1000000"));
+        for angle in [-30.0, 180.0, 1e30, f64::NAN] {
+            assert!(with(&|c| c.pole_mask = angle).contains("write a number from 0 to 90"));
+        }
+        assert!(with(&|c| c.resolution = Some("abc".into())).starts_with("resolution: 'abc' is neither a width"));
         assert!(with(&|c| c.sh_degree = 4).contains("from 0 to 3"));
         assert!(with(&|c| c.background = Some([0.0, f32::NAN, 0.0])).contains("background = NaN"));
     }

@@ -8,6 +8,7 @@ use crate::gpu::TunedDevice;
 use crate::metrics::Scores;
 use crate::scene::Skipped;
 use crate::train::method::Cut;
+use crate::wording::counted;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -156,11 +157,27 @@ impl RunRecord {
     /// The best point of the quality curve with no more Gaussians than at the end, if the run ended well below it:
     /// training longer was a loss. If the end is no loss, the same up to the last point with the most Gaussians, from
     /// which prunes begin, unless the end makes up for it.
-    pub fn past_best(&self) -> Option<&CurvePoint> {
+    fn past_best(&self) -> Option<&CurvePoint> {
         let largest = self.curve.iter().enumerate().max_by_key(|(_, p)| p.gaussians)?.0;
         let end = self.curve.last()?.psnr;
         best_before(&self.curve, end).or_else(|| best_before(&self.curve[..=largest], end))
     }
+
+    /// A phrase on a run that ended well below the best point of its quality curve; each with its number of Gaussians.
+    pub fn told_past_best(&self) -> Option<String> {
+        Some(told(self.past_best()?, self.curve.last()?))
+    }
+}
+
+fn told(best: &CurvePoint, end: &CurvePoint) -> String {
+    format!(
+        "past its best: after iteration {} held-out views had {:.2} dB, with {}, and at the end {:.2} dB, with {}",
+        best.iteration,
+        best.psnr,
+        counted(best.gaussians, "Gaussian"),
+        end.psnr,
+        counted(end.gaussians, "Gaussian"),
+    )
 }
 
 fn infinite_for_null<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
@@ -231,4 +248,23 @@ pub struct Memory {
     pub peak_bytes: u64,
     /// Limit.
     pub limit_bytes: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Before the prune the PSNR may have been higher still: the best is that of as few Gaussians.
+    #[test]
+    fn the_best_is_told_with_its_gaussians() {
+        let point =
+            |(iteration, psnr, gaussians)| CurvePoint { iteration, seconds: 0.0, psnr, train_psnr: None, gaussians };
+        let curve = [(100, 31.0, 5000), (200, 28.0, 1400), (300, 27.5, 1400)].map(point);
+        let best = best_before(&curve, 27.5).unwrap();
+        assert_eq!(
+            told(best, &curve[2]),
+            "past its best: after iteration 200 held-out views had 28.00 dB, with 1400 Gaussians, and at the end 27.50 dB, \
+             with 1400 Gaussians"
+        );
+    }
 }

@@ -6,7 +6,7 @@ use super::rung::Rung;
 use super::subject::Context;
 use super::timing::{Sample, interleaved};
 use crate::gaussians::resident::Resident;
-use crate::gpu::{Buffer, Recording};
+use crate::gpu::{Buffer, Feature, Recording};
 use crate::job::Error;
 use crate::pipeline::pair_capacity;
 use crate::render::{AtomicSums, Backward, Image, Renderer, TrainingRenderer};
@@ -122,7 +122,7 @@ fn apart(a: &[f32], b: &[f32]) -> (f64, usize) {
 pub fn measure(context: &Context<'_>, rungs: &[Rung<bool>], mut axis: AxisRecord) -> Result<AxisRecord, Error> {
     let (device, subject) = (context.session.device, context.subject);
     let training = TrainingModel::new(device, &subject.model)?;
-    let supported = AtomicSums::are_supported(device);
+    let supported = device.info().has(Feature::FloatAtomics);
     let mut ways = Vec::new();
     for Rung { name, value: atomics } in rungs {
         if *atomics && !supported {

@@ -3,7 +3,7 @@
 use super::ActiveRun;
 use crate::edit::are_many_floaters;
 use crate::gaussians::resident::Resident;
-use crate::job::records::{Counts, CurvePoint, FloaterCounts, Guards, Protocol, PruneRecord, RunRecord, Times};
+use crate::job::records::{Counts, FloaterCounts, Guards, Protocol, PruneRecord, RunRecord, Times};
 use crate::job::{Error, Output, Session, Silent, Stage};
 use crate::pipeline::effects;
 use crate::pipeline::evaluate::{camera_errors, exhibits, protocol};
@@ -72,11 +72,8 @@ impl ActiveRun<'_> {
         if let Some(note) = record.camera_errors.and_then(|errors| errors.note(Some(passes), config.poses)) {
             watcher.note(&note);
         }
-        if let Some(best) = record.past_best() {
-            let CurvePoint { iteration, psnr, gaussians, .. } = best;
-            watcher.note(&format!(
-                "the run was past its best: the PSNR of held-out photos was highest, {psnr:.2} dB, after iteration {iteration}, with {gaussians} Gaussians"
-            ));
+        if let Some(told) = record.told_past_best() {
+            watcher.note(&format!("the run was {told}"));
         }
         Output::json(&output.metrics(), "metrics.json", &record)?;
         Ok(record)

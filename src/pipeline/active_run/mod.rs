@@ -311,10 +311,15 @@ impl<'a> ActiveRun<'a> {
             && pruned.after < wanted
             && self.notes.prunes.len() + 1 >= steps
         {
-            session.watcher.note(&format!(
-                "{wanted} Gaussians were asked for, and the model has {}: train longer, or give a larger --grow-to",
-                pruned.after
-            ));
+            let most = self.config.max_gaussians;
+            let cause = if wanted > most && pruned.dense() >= most {
+                format!("--max-gaussians {most} allows no more")
+            } else {
+                "train longer, or give a larger --grow-to".to_owned()
+            };
+            let after = pruned.after;
+            let note = format!("{wanted} Gaussians were asked for, and the model has {after}: {cause}");
+            session.watcher.note(&note);
         }
         self.notes.seconds += pruned.seconds.total;
         self.notes.prunes.push(pruned);

@@ -4,7 +4,7 @@ use crate::job::records::{RunRecord, ViewScores};
 use crate::metrics::Scores;
 use crate::report::format::{NONE, bytes, count, decimals};
 use crate::report::page::{Column, absent, facts, table};
-use crate::scene::Names;
+use crate::scene::{Names, Skipped};
 use maud::{Markup, html};
 
 /// The scores of each held-out view.
@@ -71,7 +71,7 @@ pub fn effects(results: &RunRecord) -> Markup {
         .iter()
         .map(|d| {
             let state = if d.on { "on" } else { "off" };
-            let by = if d.forced { ", as configured" } else { "" };
+            let by = if d.forced { ", not decided by the scene" } else { "" };
             let near = if d.near_threshold { "; near its threshold" } else { "" };
             vec![d.name.name().to_owned(), format!("{state}{by}"), d.evidence.clone() + near]
         })
@@ -83,29 +83,67 @@ fn some(n: usize) -> String {
     if n == 0 { "none".to_owned() } else { count(n) }
 }
 
-/// Counts of repaired, skipped and omitted values.
-pub fn guards(results: &RunRecord) -> Markup {
-    let (g, s) = (&results.guards, &results.guards.scene);
-    let names = |names: &Names| {
+fn row(what: &str, n: usize, which: String) -> Vec<String> {
+    vec![what.to_owned(), some(n), which]
+}
+
+/// Parts of the scene that are not used as they are.
+fn skipped(scene: &Skipped) -> Vec<Vec<String>> {
+    // No `..`: the compiler asks for the row of a new field.
+    let Skipped {
+        missing_images,
+        mismatched_images,
+        turned_images,
+        damaged_images,
+        unread_images,
+        bad_poses,
+        mirrored_poses,
+        repeated_views,
+        unposed_images,
+        missing_masks,
+        damaged_masks,
+        missing_depths,
+        bad_points,
+        repeated_points,
+        track_entries,
+        notes: _,
+    } = scene;
+    let named = [
+        ("missing photos", missing_images),
+        ("photos whose shape differs from their camera's", mismatched_images),
+        ("of these, photos turned by 90°", turned_images),
+        ("damaged photos", damaged_images),
+        ("photos not read", unread_images),
+        ("views without a usable pose", bad_poses),
+        ("views whose pose is mirrored", mirrored_poses),
+        ("views listed twice", repeated_views),
+        ("photos without a pose", unposed_images),
+        ("missing masks", missing_masks),
+        ("masks that cannot be used", damaged_masks),
+        ("missing depth maps", missing_depths),
+    ];
+    let counts = [
+        ("points that are not finite", bad_points),
+        ("points merged with others close to them", repeated_points),
+        ("track entries without a view", track_entries),
+    ];
+    let named = named.map(|(what, names): (_, &Names)| {
         let more = if names.count > names.examples.len() { ", …" } else { "" };
-        names.examples.join(", ") + more
-    };
-    let row = |what: &str, n: usize, which: String| vec![what.to_owned(), some(n), which];
+        row(what, names.count, names.examples.join(", ") + more)
+    });
+    named.into_iter().chain(counts.map(|(what, n)| row(what, *n, String::new()))).collect()
+}
+
+/// Counts of repaired, skipped and omitted values, and the notes on the scene.
+pub fn guards(results: &RunRecord) -> Markup {
+    let g = &results.guards;
     let plain = |what: &str, n: usize| row(what, n, String::new());
-    let named = |what: &str, n: &Names| row(what, n.count, names(n));
-    let mut rows = vec![
-        named("missing photos", &s.missing_images),
-        named("photos whose shape differs from their camera's", &s.mismatched_images),
-        named("damaged photos", &s.damaged_images),
-        named("photos not read", &s.unread_images),
-        named("views without a usable pose", &s.bad_poses),
-        named("views listed twice", &s.repeated_views),
-        plain("points that are not finite", s.bad_points),
-        plain("track entries without a view", s.track_entries),
+    let mut rows = skipped(&g.scene);
+    rows.extend([
         plain("updates skipped because a gradient was not finite", g.skipped_rows as usize),
         plain("Gaussians that cannot be drawn: no rotation, or not finite", g.undrawable),
         plain("held-out views that rendered empty", g.empty_views),
-    ];
+    ]);
     for (k, prune) in results.prunes.iter().enumerate() {
         let which = if results.prunes.len() > 1 { format!("prune {}", k + 1) } else { String::new() };
         let mut add = |what: &str, n: usize| rows.push(row(what, n, which.clone()));
@@ -113,7 +151,11 @@ pub fn guards(results: &RunRecord) -> Markup {
         add("blocks without any response", prune.guards.unseen_blocks);
         add("overlaps and responses that were not finite", prune.guards.repaired_values);
     }
-    table(&[Column::Text("repaired, skipped or left out"), Column::Number("count"), Column::Text("which")], &rows, None)
+    let columns = [Column::Text("repaired, skipped or left out"), Column::Number("count"), Column::Text("which")];
+    html! {
+        (table(&columns, &rows, None))
+        @for note in &g.scene.notes { p class="hint" { (note) } }
+    }
 }
 
 pub fn memory(results: &RunRecord) -> Markup {
@@ -135,5 +177,37 @@ pub fn configuration(config: &str) -> Markup {
             summary { "config.toml: qirf-vk run --config config.toml -o FOLDER reproduces this run" }
             pre { (config) }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_part_that_is_left_out_has_a_row() {
+        let names = |count| Names { count, examples: vec!["a.png".to_owned()], last: None };
+        let scene = Skipped {
+            missing_images: names(1),
+            mismatched_images: names(2),
+            turned_images: names(3),
+            damaged_images: names(4),
+            unread_images: names(5),
+            bad_poses: names(6),
+            mirrored_poses: names(7),
+            repeated_views: names(8),
+            unposed_images: names(9),
+            missing_masks: names(10),
+            damaged_masks: names(11),
+            missing_depths: names(12),
+            bad_points: 13,
+            repeated_points: 14,
+            track_entries: 15,
+            notes: Vec::new(),
+        };
+        let rows = skipped(&scene);
+        let counts: Vec<String> = (1..=15).map(count).collect();
+        assert_eq!(rows.iter().map(|row| row[1].clone()).collect::<Vec<_>>(), counts);
+        assert_eq!([&rows[0][2], &rows[11][2], &rows[12][2]], ["a.png", "a.png, …", ""]);
     }
 }

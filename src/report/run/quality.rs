@@ -37,12 +37,9 @@ pub fn body(results: &RunRecord) -> Markup {
         lines: vec![Line { name: "Gaussians", points: gaussians(results) }],
         marks: marks(&|p| f64::from(p.iteration)),
     };
-    let past = results.past_best().map(|best| {
-        format!(
-            "The run was past its best: after iteration {} held-out views had {:.2} dB. From there on it fitted what the photos do not determine.",
-            best.iteration, best.psnr
-        )
-    });
+    let past = results
+        .told_past_best()
+        .map(|told| format!("The run was {told}. From there on it fitted what the photos do not determine."));
     // Pictures that are equal to their photos have an infinite PSNR.
     let finite = results.camera_errors.filter(|errors| errors.fitted_psnr.is_finite());
     let cameras = finite.as_ref().map(moved);

@@ -1,6 +1,6 @@
 //! The most important figures, as tiles.
 
-use crate::job::records::{RunRecord, ViewScores};
+use crate::job::records::{Counts, RunRecord, ViewScores};
 use crate::report::format::{NONE, bytes, count, decimals, percent, seconds};
 use crate::report::page::{Tile, tiles};
 use maud::Markup;
@@ -25,7 +25,7 @@ pub fn body(results: &RunRecord) -> Markup {
         ("PSNR", test_psnr, format!("on training views: {}", decibels(results.train.psnr))),
         ("SSIM", decimals(test.and_then(|t| t.ssim), 4), views),
         ("LPIPS", decimals(test.and_then(|t| t.lpips_vgg), 4), results.protocol.lpips.clone()),
-        gaussians(results),
+        gaussians(results.gaussians, !results.prunes.is_empty()),
         ("Model", bytes(results.model_bytes), "model.ply".to_owned()),
         frames(results),
         ("Time", seconds(results.time.total_s), format!("training and pruning: {}", seconds(results.time.train_s))),
@@ -37,15 +37,14 @@ pub fn body(results: &RunRecord) -> Markup {
     ])
 }
 
-fn gaussians(results: &RunRecord) -> Tile {
-    let n = results.gaussians;
+fn gaussians(n: Counts, is_pruned: bool) -> Tile {
     let note = match n.dense {
-        Some(_) if results.prunes.is_empty() => {
+        Some(_) if !is_pruned => {
             n.initial.map_or("not pruned".to_owned(), |first| format!("from {} at the start; not pruned", count(first)))
         }
         Some(dense) => {
             let removed = dense.saturating_sub(n.last);
-            format!("at most {} during training: {} removed", count(dense), percent(removed as f64, dense as f64))
+            format!("{} before pruning: {} removed", count(dense), percent(removed as f64, dense as f64))
         }
         None => String::new(),
     };
@@ -61,4 +60,16 @@ fn frames(results: &RunRecord) -> Tile {
         _ => "rendering only, at the size of the views".to_owned(),
     };
     ("Frames per second", now.map_or(NONE.to_owned(), places), note)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaussians_are_counted_from_the_prune_on() {
+        let note = |is_pruned| gaussians(Counts { initial: Some(900), dense: Some(5000), last: 1400 }, is_pruned).2;
+        assert_eq!(note(true), "5,000 before pruning: 72.0 % removed");
+        assert_eq!(note(false), "from 900 at the start; not pruned");
+    }
 }

@@ -15,15 +15,19 @@ const OPENED: usize = 16;
 /// Maximum number of subfolders that are looked into.
 pub(super) const SUBFOLDERS: usize = 64;
 
-/// A format of poses that is not read: the names of its files in lower case, where `*` stands for anything; text in the
-/// beginning of such a file, in lower case, where other programs use the same names, otherwise empty; the program that writes
-/// it; how it becomes one that is read.
+/// A format of poses that is not read: the names of its files in lower case, where `*` stands for anything; texts, with `|` between
+/// them, of which one is in the beginning of such a file, or is its very first text if `^` stands before it, in lower case, where other
+/// programs use the same names, otherwise empty;
+/// the program that writes it; how it becomes one that is read.
 struct Format(&'static [&'static str], &'static str, &'static str, &'static str);
 
 /// The remedy where no program writes a format that is read.
 const CONVERT: &str = "convert it to a transforms.json";
 /// The remedy where the program writes COLMAP's format.
 const COLMAP: &str = "export cameras as COLMAP";
+
+/// The remedy for Record3D's export.
+const RECORD3D: &str = "nerfstudio's `ns-process-data record3d` converts it";
 
 /// Poses of KITTI's odometry, which lie in files of numbers in a folder of the same name, too.
 const KITTI: Format = Format(&["poses.txt"], "", "KITTI", CONVERT);
@@ -39,7 +43,14 @@ const FOREIGN: &[Format] = &[
     Format(&["database.db"], "", "COLMAP, without a model", "run `colmap mapper`"),
     Format(&["cameras.npz", "cameras_sphere.npz", "cameras_large.npz"], "", "NeuS, IDR or DTU", CONVERT),
     Format(&["metadata.json"], "\"appearance_id\"", "Nerfies", CONVERT),
-    Format(&["metadata", "metadata.json"], "{", "Record3D", "nerfstudio's `ns-process-data record3d` converts it"),
+    Format(&["metadata.json"], "\"cam_transform_mat\"", "NeRFactor", CONVERT),
+    Format(&["metadata"], "{", "Record3D", RECORD3D),
+    Format(
+        &["metadata.json"],
+        "\"initpose\"|\"poses\"|\"fps\"|\"perframeintrinsiccoeffs\"|\"frametimestamps\"",
+        "Record3D",
+        RECORD3D,
+    ),
     Format(&["corrected_cameras"], "", "Polycam", "nerfstudio's `ns-process-data polycam` converts it"),
     Format(&["*.json"], "\"t_00\"", "Polycam", "nerfstudio's `ns-process-data polycam` converts it"),
     Format(&["shots.geojson"], "", "OpenDroneMap", "nerfstudio's `ns-process-data odm` converts it"),
@@ -75,6 +86,15 @@ const FOREIGN: &[Format] = &[
     Format(&["ego_pose.json"], "", "nuScenes", CONVERT),
     Format(&["ego_pose"], "", "Waymo", CONVERT),
     Format(&["frame_annotations.jgz"], "", "CO3D", CONVERT),
+    Format(
+        &["depth_masks"],
+        "",
+        "CO3D",
+        "convert the poses in frame_annotations.jgz, one folder up, to a transforms.json",
+    ),
+    Format(&["camera_keyframe_positions.hdf5"], "", "Hypersim", CONVERT),
+    Format(&["*.sens"], "", "ScanNet", "unpack it by ScanNet's SensReader, and convert its poses to a transforms.json"),
+    Format(&["*.zep"], "", "3DF Zephyr", "export its cameras, and convert them to a transforms.json"),
     Format(&["pos_001.txt"], "", "DTU", CONVERT),
     Format(&["*.mvs"], "", "OpenMVS", "give the COLMAP model that it was made from"),
     Format(&["pose_intrinsic_imu.json"], "", "ScanNet++'s iPhone data", CONVERT),
@@ -92,14 +112,10 @@ const FOREIGN: &[Format] = &[
         "Blender, without transforms_train.json",
         "name it transforms.json",
     ),
+    Format(&["*.txt"], "^https://www.youtube.com/watch", "RealEstate10K", CONVERT),
 ];
 
 impl Format {
-    /// True for the path of such a file or folder.
-    fn is_of(&self, path: &Path) -> bool {
-        self.names(path) && self.begins(path)
-    }
-
     /// True for the name of such a file or folder.
     fn names(&self, path: &Path) -> bool {
         let Self(names, ..) = *self;
@@ -116,7 +132,14 @@ impl Format {
     /// True for a file that begins as those of this format do.
     fn begins(&self, path: &Path) -> bool {
         let Self(_, holds, ..) = *self;
-        holds.is_empty() || beginning(path).contains(holds)
+        if holds.is_empty() {
+            return true;
+        }
+        let begins = beginning(path);
+        holds.split('|').any(|text| match text.strip_prefix('^') {
+            Some(first) => begins.starts_with(first),
+            None => begins.contains(text),
+        })
     }
 
     fn told(&self, what: &str) -> String {
@@ -137,7 +160,7 @@ fn beginning(path: &Path) -> String {
 
 /// A clause on the format of a file, if it is one that is not read.
 pub(super) fn file(path: &Path) -> Option<String> {
-    let format = FOREIGN.iter().find(|format| format.is_of(path))?;
+    let format = FOREIGN.iter().find(|format| format.names(path) && format.begins(path))?;
     // A transforms file may have any name.
     let named = path.file_name().is_some_and(|name| name.to_string_lossy().to_lowercase().starts_with("transforms"));
     let begins = beginning(path);
@@ -149,8 +172,11 @@ pub(super) fn file(path: &Path) -> Option<String> {
 /// there are none.
 pub(super) fn poses(folder: &Path) -> String {
     let images = child(folder, "images");
-    let told = transforms(folder).or_else(|| [folder, &images].into_iter().find_map(|place| in_folder(folder, place)));
-    told.or_else(|| half_a_model(folder)).or_else(|| in_subfolders(folder)).unwrap_or_default()
+    let places = [folder, &images];
+    let told = transforms(folder).or_else(|| places.into_iter().find_map(|place| in_folder(folder, place)));
+    let told = told.or_else(|| half_a_model(folder)).or_else(|| in_subfolders(folder, in_folder));
+    let told = told.or_else(|| places.into_iter().find_map(|place| table_in(folder, place)));
+    told.or_else(|| in_subfolders(folder, table_in)).unwrap_or_default()
 }
 
 /// A transforms file whose name is not looked for, as far as its beginning tells.
@@ -179,8 +205,32 @@ fn in_folder(root: &Path, folder: &Path) -> Option<String> {
             Some((path, format))
         })
     });
-    let (path, format) = found?;
-    Some(format.told(&format!("; {}, ", path.strip_prefix(root).unwrap_or(path).display())))
+    found.map(|(path, format)| format.told(&format!("; {}, ", within(root, path))))
+}
+
+/// The path of a file below a folder.
+fn within(root: &Path, path: &Path) -> String {
+    path.strip_prefix(root).unwrap_or(path).display().to_string()
+}
+
+/// A clause on a table in a folder whose columns are quaternions.
+fn table_in(root: &Path, folder: &Path) -> Option<String> {
+    let paths = inside(folder);
+    let path = ["csv", "txt", "json"].into_iter().find_map(|extension| {
+        let mut tables = paths.iter().filter(|path| has_extension(path, &[extension])).take(OPENED);
+        tables.find(|path| has_quaternions(path))
+    })?;
+    Some(format!("; {} may hold poses of a format that is not read: {CONVERT}", within(root, path)))
+}
+
+/// True for a file whose beginning names the parts of quaternions, and that is no part of a COLMAP model.
+fn has_quaternions(path: &Path) -> bool {
+    let begins = beginning(path);
+    let words: Vec<&str> = begins.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
+    let are_named =
+        (words.contains(&"qw") && words.contains(&"qx")) || words.iter().any(|word| word.ends_with("ori_w"));
+    let of_colmap = ["images", "frames", "rigs"];
+    are_named && path.file_stem().is_none_or(|name| !of_colmap.iter().any(|own| name.eq_ignore_ascii_case(own)))
 }
 
 /// True for a folder of poses whose first file has KITTI's lines of twelve numbers.
@@ -195,9 +245,9 @@ fn is_kitti(folder: &Path) -> bool {
         })
 }
 
-fn in_subfolders(folder: &Path) -> Option<String> {
+fn in_subfolders(folder: &Path, told: fn(&Path, &Path) -> Option<String>) -> Option<String> {
     let deeper = subfolders(folder).flat_map(|path| subfolders(&path).collect::<Vec<_>>());
-    subfolders(folder).chain(deeper).take(SUBFOLDERS).find_map(|path| in_folder(folder, &path))
+    subfolders(folder).chain(deeper).take(SUBFOLDERS).find_map(|path| told(folder, &path))
 }
 
 /// A COLMAP model that lacks a file.

@@ -153,9 +153,11 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     // After the size: a capture has the same near plane and origin whether it is trained on or drawn.
     let points = if options.check { merge_copies(points) } else { points };
     skipped.repeated_points = listed - points.len();
+    let plain = notes::plain(&points);
+    skipped.notes.extend(plain.map(|colour| notes::of_one_colour(points.len(), colour)));
     let (near, origin) = (near::near(size), DVec3::ZERO);
     let Listing { kind, root, .. } = listing;
-    Ok(Scene { kind, root, source, views, points, skipped, near, unit: 1.0, origin }.move_near(size))
+    Ok(Scene { kind, root, source, views, points, plain, skipped, near, unit: 1.0, origin }.move_near(size))
 }
 
 /// Finds the depth maps of views in a folder; one that may be that of several photos is none's.

@@ -10,7 +10,7 @@ use super::tree::PhotoTree;
 use super::{Point, View};
 use crate::sample::evenly;
 use crate::scene::lens::Lens;
-use crate::scene::{Error, Names, Skipped, median};
+use crate::scene::{Error, FEWEST_POINTS, Names, Skipped, median};
 use crate::wording::counted;
 
 /// The note on photos that are left out for a fault of their camera, of which this is the first.
@@ -34,6 +34,21 @@ pub(super) fn unseen(views: &[View], points: &[Point]) -> Option<String> {
             counted(views.len(), "view")
         )
     })
+}
+
+/// The colour of all points, if they have one in common: it tells nothing. None for points too few to train from.
+pub(super) fn plain(points: &[Point]) -> Option<[u8; 3]> {
+    let first = points.first()?.colour;
+    (points.len() >= FEWEST_POINTS && points.iter().all(|point| point.colour == first)).then_some(first)
+}
+
+/// The note on points that have no colour, or all the same.
+pub(super) fn of_one_colour(points: usize, [red, green, blue]: [u8; 3]) -> String {
+    format!(
+        "{} without colours, or all of one ({red}, {green}, {blue}): training from them starts with the colours of the photos that \
+         see them",
+        counted(points, "point")
+    )
 }
 
 /// A note on cameras far from all others: rates of training are relative to the extent of all cameras.

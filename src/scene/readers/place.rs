@@ -66,8 +66,10 @@ pub(super) fn find(path: &Path, options: &OpenOptions) -> Result<Place, Error> {
         let note = format!("no poses in {} itself: {} in it is used", folder.display(), name_in(folder, &place.root));
         return Ok(Place { outer: folder.to_owned(), note: Some(place.note.unwrap_or(note)), ..place });
     }
-    let beside = above(folder).or_else(|| deeper(folder)).unwrap_or_else(|| foreign::poses(folder));
-    match photo_folder(folder, options.images.as_deref()) {
+    let images = photo_folder(folder, options.images.as_deref());
+    let deeper = || deeper(folder, images.as_deref());
+    let beside = above(folder).or_else(deeper).unwrap_or_else(|| foreign::poses(folder));
+    match images {
         Some(images) => {
             let photos = PhotoTree::of(&images).names.len();
             Err(Error::NoPoses { root: folder.to_owned(), images, photos, beside })
@@ -107,13 +109,26 @@ fn above(folder: &Path) -> Option<String> {
     Some(format!("; poses lie beside it: give {} to use them", above.display()))
 }
 
-/// A clause on scenes in the folders of a folder's subfolders, of which none is chosen.
-fn deeper(folder: &Path) -> Option<String> {
+/// A clause on scenes in the folders of a folder's subfolders, of which none is chosen; photos that do not lie in them are in `images`.
+fn deeper(folder: &Path, images: Option<&Path>) -> Option<String> {
     let deeper = subfolders(folder).take(SUBFOLDERS).flat_map(|path| subfolders(&path).collect::<Vec<_>>());
     let scenes = deeper.take(SUBFOLDERS).filter_map(|path| here(&path, &OpenOptions::default()));
-    let found: Vec<String> = scenes.map(|place| place.root.display().to_string()).collect();
+    let roots: Vec<PathBuf> = scenes.map(|place| place.root).collect();
+    if roots.is_empty() {
+        return None;
+    }
+    let images = images.filter(|_| roots.iter().all(|root| photo_folder(root, None).is_none()));
+    let with = images.map(|images| format!(", with `--images {}`", innermost(images).display())).unwrap_or_default();
+    let found: Vec<String> = roots.iter().map(|root| root.display().to_string()).collect();
     let one = if found.len() == 1 { "it" } else { "one of these" };
-    (!found.is_empty()).then(|| format!("; poses lie in {}: give {one} to use them", found.join(", ")))
+    Some(format!("; poses lie in {}: give {one} to use them{with}", found.join(", ")))
+}
+
+/// The innermost folder that holds all photos of a folder.
+fn innermost(images: &Path) -> PathBuf {
+    let photos: Vec<PathBuf> = PhotoTree::of(images).names.iter().map(|name| images.join(name)).collect();
+    let holds = |folder: &&Path| photos.iter().all(|photo| photo.starts_with(folder));
+    photos.first().and_then(|first| first.ancestors().skip(1).find(holds)).unwrap_or(images).to_owned()
 }
 
 impl Place {

@@ -26,7 +26,7 @@ fn agree(a: &View, b: &View) -> bool {
 }
 
 /// Drops views listed twice with the same fields, under one name or for one file; refuses a name with two poses or cameras, as
-/// either may be wrong. Views listed for training and for test have no role.
+/// either may be wrong. Views listed for training and for test have no role; those for validation and for test are for test.
 pub(super) fn drop_repeated(
     views: Vec<(u32, View)>,
     source: &Path,
@@ -51,8 +51,11 @@ pub(super) fn drop_repeated(
                 "is listed twice, with different poses or cameras; remove the wrong entry",
             ));
         }
+        let is_held_out = |role: Role| matches!(role, Role::Validation | Role::Test);
         if known.role == view.role {
             skipped.repeated_views.add(&view.name);
+        } else if is_held_out(known.role) && is_held_out(view.role) {
+            known.role = Role::Test;
         } else if known.role != Role::Unsaid {
             split_copies += 1;
             known.role = Role::Unsaid;

@@ -196,8 +196,7 @@ mod tests {
     fn script_and_style_are_small_and_nothing_is_left_to_fill_in() {
         let style = Style { antialias: true, ..Style::default() };
         let options = PageOptions { title: "<b> & \"c\"</script> {scene}".into(), style, ..PageOptions::default() };
-        let mut model = Gaussians::zeroed(3, 1);
-        model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
+        let model = Gaussians::balls(vec![[0.0; 3]; 3], 0.0, 0.0, 1);
         let page = page(&model, &options, Path::new("m.html")).unwrap();
         assert!(page.len() < 60_000, "{} bytes; 120 kB are allowed", page.len());
         // A name in braces within a title stays.

@@ -7,8 +7,8 @@ precision highp usampler2D;
 uniform usampler2D splats, bands;
 uniform mat3 rotation;  // from the file's axes to the camera's
 uniform vec3 centre;    // of the camera, in the file's axes
-uniform vec2 size, limit, shift; // shift: the principal point from the picture's middle, in pixels
-uniform float focal, near, dilation;
+uniform vec2 size, focal, shift; // shift: the principal point from the picture's middle, in pixels
+uniform float near, dilation;
 uniform bool antialiased;
 uniform int degree, texels, width_bits;
 
@@ -17,8 +17,8 @@ layout(location = 0) in uint index;
 out vec2 place;      // in units in which density falls by 2^-(place . place)
 flat out vec4 paint; // colour, and log2 of opacity
 
-// The ratio FIELD_BEYOND / FIELD_MARGIN of the renderer's kernels.
-const float BEYOND = 1.2 / 1.3;
+// FIELD_MARGIN and FIELD_BEYOND of the renderer's kernels.
+const float MARGIN = 1.3, BEYOND = 1.2;
 const float ROOT_HALF = 0.7071067811865476, LOG2_E = 1.4426950408889634;
 const float SH_C0 = 0.28209479177387814, SH_C1 = 0.4886025119029199;
 const float XY = 1.0925484305920792, ZZ = 0.31539156525252005, XX = 0.5462742152960396;
@@ -85,14 +85,14 @@ void main() {
   vec3 t = rotation * offset;
   if (t.z <= near) return;
 
-  vec2 middle = -shift / focal;
-  vec2 slope = clamp(t.xy / t.z, min(-limit, middle - BEYOND * limit), max(limit, middle + BEYOND * limit));
+  vec2 middle = -shift / focal, field = 0.5 * size / focal;
+  vec2 slope = clamp(t.xy / t.z, min(-MARGIN * field, middle - BEYOND * field), max(MARGIN * field, middle + BEYOND * field));
   mat3 axes = rotation * turn(quaternion(first.w));
   vec3 scale = exp(bytes(second.y) / 16.0 - 10.0);
-  float f = focal / t.z;
+  vec2 f = focal / t.z;
   vec3 below = vec3(axes[0].z, axes[1].z, axes[2].z);
-  vec3 row_x = f * (vec3(axes[0].x, axes[1].x, axes[2].x) - slope.x * below) * scale;
-  vec3 row_y = f * (vec3(axes[0].y, axes[1].y, axes[2].y) - slope.y * below) * scale;
+  vec3 row_x = f.x * (vec3(axes[0].x, axes[1].x, axes[2].x) - slope.x * below) * scale;
+  vec3 row_y = f.y * (vec3(axes[0].y, axes[1].y, axes[2].y) - slope.y * below) * scale;
   float a0 = dot(row_x, row_x), c0 = dot(row_y, row_y), b = dot(row_x, row_y);
   vec3 normal = cross(row_x, row_y);
   float det0 = dot(normal, normal), c = c0 + dilation;

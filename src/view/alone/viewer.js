@@ -97,7 +97,8 @@ function seen() {
 }
 
 function draw() {
-  const { width, height } = target, { rows, centre } = seen(), { at } = splatting, focal = height / 2 / Math.tan(state.camera.fov / 2);
+  const { width, height } = target, { rows, centre } = seen(), { at } = splatting, { fov, shift, stretch } = state.camera;
+  const focal = height / 2 / Math.tan(fov / 2);
   gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
   gl.viewport(0, 0, width, height);
   gl.clearColor(0, 0, 0, 0);
@@ -111,9 +112,8 @@ function draw() {
   gl.uniformMatrix3fv(at("rotation"), false, [0, 1, 2].flatMap((k) => rows.map((row) => row[k])));
   gl.uniform3fv(at("centre"), centre);
   gl.uniform2f(at("size"), width, height);
-  gl.uniform2f(at("limit"), (1.3 * 0.5 * width) / focal, (1.3 * 0.5 * height) / focal);
-  gl.uniform1f(at("focal"), focal);
-  gl.uniform2fv(at("shift"), state.camera.shift.map((part) => part * height));
+  gl.uniform2f(at("focal"), focal * stretch, focal);
+  gl.uniform2fv(at("shift"), shift.map((part) => part * height));
   gl.uniform1f(at("near"), state.near);
   gl.uniform1f(at("dilation"), scene.dilation);
   gl.uniform1i(at("antialiased"), scene.antialiased ? 1 : 0);
@@ -198,7 +198,7 @@ function framing(aspect) {
   return [1, 2].map((k) => low[k] + share * (high[k] - low[k]));
 }
 
-/** Puts the camera at a place: `position`, `rotation` (w, x, y, z), `fov` in radians, and `shift` (0, 0 without one). */
+/** Puts the camera at a place: `position`, `rotation` (w, x, y, z), `fov` in radians, `shift` (0, 0 without one), and `stretch` (1 without one). */
 state.place = (pose, aim) => {
   state.camera = new Camera(pose, aim ?? scene.centre, scene.up, state.reach);
   state.near = scene.near ?? Math.min(NEAR[1], NEAR[0] * state.reach);

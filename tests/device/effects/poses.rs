@@ -22,10 +22,7 @@ use std::path::Path;
 /// The gradient by the camera's motion against float64.
 #[test]
 fn the_kernel_is_its_twin() {
-    kernel_and_twin(&device());
-}
-
-pub fn kernel_and_twin(device: &Device) {
+    let device = &device();
     let camera = small_camera(40, 30);
     let model = narrowed(&random_scene(&camera, 4));
     let params = reference::Params::from(&model);

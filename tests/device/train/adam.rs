@@ -172,39 +172,6 @@ fn ten_steps(forgetting: f64) {
     finish(&device);
 }
 
-/// The twin follows its own gradients. The paths separate where a gradient is so small that float32 has the wrong sign,
-/// since Adam's first steps are the rate whatever the gradient's size. The error is a share of the distance covered.
-#[test]
-fn adam_along_the_twins_path() {
-    let device = device();
-    let camera = small_camera(45, 37);
-    for seed in [3, 4] {
-        let model = narrowed(&random_scene(&camera, seed));
-        let by_image = weights(45 * 37, seed + 20);
-        let bench = Bench::new(&device, &model, &camera, &by_image);
-        let mut twin = Twin::new(&model);
-        let colour: Vec<[f64; 3]> = by_image.iter().map(|w| [w[0], w[1], w[2]].map(f64::from)).collect();
-        let alpha: Vec<f64> = by_image.iter().map(|w| f64::from(w[3])).collect();
-        let settings = reference::Settings::default();
-        for step in 1..=8 {
-            let mut gradients = reference::gradients(&twin.params, &camera, &settings, &colour, Some(&alpha)).params;
-            assert_eq!(twin.step(&mut gradients, self::step(step, 1.0)), 0);
-            bench.take(self::step(step, 1.0));
-        }
-        let (mut got, mut start) = (bench.params(), Params::from(&model));
-        let (mut line, mut worst) = (format!("seed {seed}:"), 0_f64);
-        for (a, ((name, got), (_, right))) in got.groups_mut().into_iter().zip(twin.params.groups_mut()).enumerate() {
-            let off: f64 = got.iter().zip(right.iter()).map(|(g, r)| (g - r).powi(2)).sum();
-            let gone: f64 = right.iter().zip(start.groups_mut()[a].1.iter()).map(|(r, s)| (r - s).powi(2)).sum();
-            line = format!("{line} {name} {:.1e}", (off / gone).sqrt());
-            worst = worst.max((off / gone).sqrt());
-        }
-        println!("{line}");
-        assert!(worst < 0.02, "{line}");
-    }
-    finish(&device);
-}
-
 /// Three Gaussians in tiles of their own; the gradient of a pixel of the first is not finite, or 1e30.
 #[test]
 fn a_gradient_that_is_not_finite_stays_where_it_is() {

@@ -194,11 +194,7 @@ fn split_halves_are_samples_of_their_parent() {
 fn the_limit_is_kept() {
     let device = device();
     let schedule = Schedule::default();
-    let (mut model, _) = scene(200, 5);
-    model.means.fill([0.5; 3]);
-    model.log_scales.fill([-6.0; 3]);
-    model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
-    model.opacity_logits.fill(0.0);
+    let model = Gaussians::balls(vec![[0.5; 3]; 200], -6.0, 0.0, 1);
     let growth: Vec<[f32; 2]> = (0..200_u32).map(|i| [2e-4 * (2.0 + (i * 77 % 200) as f32), 1.0]).collect();
     for most in [1, 200, 201, 250, 399, 400, 1000] {
         let mut held = held(&device, &model, &growth);
@@ -225,11 +221,7 @@ fn the_limit_is_kept_by_any_gradients() {
 }
 
 pub fn any_gradients(device: &Device) {
-    let (mut model, _) = scene(64, 5);
-    model.means.fill([0.5; 3]);
-    model.log_scales.fill([-6.0; 3]);
-    model.rotations.fill([1.0, 0.0, 0.0, 0.0]);
-    model.opacity_logits.fill(0.0);
+    let model = Gaussians::balls(vec![[0.5; 3]; 64], -6.0, 0.0, 1);
     for gradient in [0.0, -1.0, 2e-4] {
         for sum in [0.0, 1e-30, 1.0, 1e30, f32::INFINITY, f32::NAN] {
             if gradient < 0.0 && sum > 1.0 {

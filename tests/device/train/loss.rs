@@ -83,22 +83,6 @@ fn a_picture_of_a_million_columns() {
     finish(&device);
 }
 
-/// Constant pictures, equal, opposite, and brighter than any photo.
-#[test]
-fn flat_and_saturated_pictures() {
-    let device = device();
-    let scratch = Loss::new(&device, 64, 48).unwrap();
-    for size in [[1, 1], [11, 11], [11, 3], [3, 40], [45, 37]] {
-        for (x, y) in [(0.0, 0), (1.0, 255), (0.0, 255), (1.0, 0), (0.5, 128), (0.25, 192), (3.0, 255), (1.0, 200)] {
-            let case = Case { weights: WITH_SQUARES, ..Case::flat(size, x, y) };
-            let [value, gradient] = case.errors(&device, &scratch).unwrap();
-            let told = format!("{size:?}: {x} against {y}: value {value:.1e}, gradient {gradient:.1e}");
-            assert!(value < 1e-4 && gradient < 2e-4, "{told}");
-        }
-    }
-    finish(&device);
-}
-
 /// Radiance has no upper bound: if float32 cannot distinguish a variance from zero, results stay finite and SSIM within
 /// its range.
 #[test]

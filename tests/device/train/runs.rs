@@ -1,11 +1,10 @@
 //! Whole runs on a small synthetic scene: the same bytes whatever the buffers' sizes, and a model of good quality.
 
 use crate::support::{device, finish, opened, repeats};
-use glam::DVec3;
 use qirf_vk::gaussians::Gaussians;
 use qirf_vk::gpu::{Device, Recording};
-use qirf_vk::metrics;
-use qirf_vk::render::{Renderer, Settings};
+use qirf_vk::pipeline::evaluate::Evaluator;
+use qirf_vk::render::Settings;
 use qirf_vk::scene::{LoadOptions, OpenOptions, Photo, PhotoFile, Scene};
 use qirf_vk::synth::{self, SynthOptions};
 use qirf_vk::train::checkpoint::Snapshot;
@@ -34,12 +33,7 @@ pub(crate) fn capture() -> &'static Capture {
         let photos = scene.load_photos(&LoadOptions::default(), &|_| ()).unwrap();
         let split = scene.split(8);
         let photo = |&i: &usize| photos[i].clone();
-        let seed = |p: &qirf_vk::scene::Point| Seed {
-            position: p.position,
-            normal: None,
-            colour: DVec3::from(p.colour.map(|c| f64::from(c) / 255.0)),
-        };
-        let seeds: Vec<Seed> = scene.points.iter().map(seed).collect();
+        let seeds: Vec<Seed> = scene.points.iter().map(Seed::from).collect();
         assert!(seeds.len() > 50, "{} points", seeds.len());
         Capture {
             train: split.train.iter().map(photo).collect(),
@@ -163,24 +157,9 @@ pub(crate) fn bits(model: &Gaussians) -> Vec<u32> {
 
 /// Mean PSNR over views.
 fn psnr(device: &Device, trainer: &Trainer, views: &[Photo]) -> f64 {
-    let camera = &views[0].camera;
-    let mut renderer = Renderer::new(device, Settings::default(), trainer.len(), camera.width, camera.height).unwrap();
-    let one = |view: &Photo| {
-        let image = renderer.render(trainer.model(), &view.camera).unwrap();
-        let drawn: Vec<f32> = image.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
-        let photo: Vec<f32> = view
-            .pixels
-            .read()
-            .unwrap()
-            .chunks_exact(4)
-            .flat_map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0))
-            .collect();
-        let size = (view.camera.width as usize, view.camera.height as usize);
-        let drawn = metrics::round_trip_8bit(&drawn);
-        let [drawn, photo] = [&drawn, &photo].map(|p| metrics::Image::new(size.0, size.1, p).unwrap());
-        metrics::psnr(&drawn, &photo).unwrap()
-    };
-    views.iter().map(one).sum::<f64>() / views.len() as f64
+    let mut evaluator = Evaluator::new(device, Settings::default(), trainer.len(), views.iter()).unwrap();
+    let each = evaluator.psnr(trainer.model(), views.iter()).unwrap();
+    each.iter().sum::<f64>() / views.len() as f64
 }
 
 #[test]

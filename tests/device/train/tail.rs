@@ -70,11 +70,7 @@ fn an_invisible_tail_changes_nothing() {
     let mut far = c.start.select(&(0..TAIL).collect::<Vec<_>>());
     far.means.iter_mut().for_each(|mean| *mean = [1e6, 1e6, 1e6]);
     let mut both = c.start.clone();
-    both.means.extend(&far.means);
-    both.log_scales.extend(&far.log_scales);
-    both.rotations.extend(&far.rotations);
-    both.opacity_logits.extend(&far.opacity_logits);
-    both.sh[0].extend(&far.sh[0]);
+    both.append(&far);
     for growth in [None, Some(Growth { gaussians: Some(400), ..Growth::default() })] {
         let style = Style { antialias: true, ..Style::default() };
         let plain = Options { settings: style.over([0.0; 3]), ..growing(growth) };

@@ -102,15 +102,24 @@ fn buffers_in_files_beside_it_are_read_and_others_are_not() {
     let path = folder.path().join("m.gltf");
     fs::write(&path, &json).unwrap();
     assert!(formats::read(&path).unwrap_err().to_string().contains("the data.bin"));
-    fs::write(folder.path().join("the data.bin"), &binary).unwrap();
+    fs::write(folder.path().join("the data.bin"), [&binary[..], b"and more"].concat()).unwrap();
     assert_near(&model, &formats::read(&path).unwrap().gaussians, 0.0);
     assert!(read(&json, "m.gltf").unwrap_err().to_string().contains("by its path"));
     fs::write(folder.path().join("the data.bin"), &binary[..binary.len() - 1]).unwrap();
     assert!(formats::read(&path).unwrap_err().to_string().contains("bytes from"));
-    for uri in ["/etc/passwd", "../x.bin", "https://example.org/x.bin", "a/../../x.bin", ""] {
+    let refused = |uri: &str, says: &str| {
         fs::write(&path, gltf(&model, Layout::Planar, Some(uri)).0).unwrap();
         let said = formats::read(&path).unwrap_err().to_string();
-        assert!(said.contains("not in the folder"), "{uri}: {said}");
+        assert!(said.contains(says), "{uri}: {said}");
+    };
+    for uri in ["/etc/passwd", "../x.bin", "%2e%2e/x.bin", "..\\x.bin", "https://a.org/x.bin", "a/../../x.bin", ""] {
+        refused(uri, "not in the folder");
+    }
+    #[cfg(unix)]
+    {
+        let outside = tempfile::NamedTempFile::new().unwrap();
+        std::os::unix::fs::symlink(outside.path(), folder.path().join("link.bin")).unwrap();
+        refused("link.bin", "not a file in the folder");
     }
 }
 
@@ -229,6 +238,28 @@ fn nodes_move_turn_and_scale() {
         let fault = placed(node.clone()).unwrap_err().to_string();
         assert!(fault.contains(said), "{node}: {fault}");
     }
+}
+
+#[test]
+fn parts_far_apart_are_told_and_parts_without_a_place_are_refused() {
+    let with = |nodes: Value| {
+        let bytes = glb_changed(&make::model(9, 1), Layout::Planar, |d| {
+            d["scenes"] = json!([{ "nodes": (0..nodes.as_array().unwrap().len()).collect::<Vec<_>>() }]);
+            d["nodes"] = nodes;
+        });
+        read(&bytes, "m.glb")
+    };
+    for (x, told) in [(50.0, false), (500_000.0, true)] {
+        let (near, far) = (json!({ "mesh": 0 }), json!({ "mesh": 0, "translation": [x, 0, 0] }));
+        for nodes in [json!([near, far]), json!([far, near])] {
+            let doubt = with(nodes).unwrap().doubt;
+            assert_eq!(doubt.is_some(), told, "{x}: {doubt:?}");
+            let says = ["node 1 lies far", "about 6.0e-2 units"];
+            assert!(doubt.is_none_or(|doubt| says.iter().all(|what| doubt.contains(what))));
+        }
+    }
+    let fault = with(json!([{ "name": "empty" }])).unwrap_err().to_string();
+    assert!(fault.contains("in a mesh that no node of the scene places"), "{fault}");
 }
 
 /// Copies whose places are the attributes of the mesh itself.

@@ -77,6 +77,26 @@ fn levels_of_an_earlier_model_are_removed_and_a_model_without_gaussians_is_refus
     assert_eq!(formats::read(&path).unwrap().gaussians.len(), 60, "the earlier model is still there");
 }
 
+#[test]
+fn every_level_is_read_however_the_text_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lod-meta.json");
+    let model = make::model(60, 1);
+    formats::write_levels(&path, &[model.clone(), model.select(&[0, 1, 2])], (RenderMode::Plain, [0.0; 3])).unwrap();
+    assert_eq!([0, 1].map(|level| formats::read_level(&path, level).unwrap().len()), [60, 3]);
+    let none = formats::read_level(&path, 2).unwrap_err().to_string();
+    assert!(none.contains("no Gaussians of level 2"), "{none}");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let marked = format!("\u{feff}{text}");
+    let wide: Vec<u8> = marked.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let dotted = text.replace("\"0_0/", "\"./0_0/");
+    assert_ne!(dotted, text);
+    for written in [marked.into_bytes(), wide, dotted.into_bytes()] {
+        std::fs::write(&path, &written).unwrap();
+        assert_eq!(formats::read(&path).unwrap().gaussians.len(), 60, "{:?}", written.get(..8));
+    }
+}
+
 /// Viewers draw it at every distance.
 #[test]
 fn an_environment_is_part_of_the_model() {
@@ -128,14 +148,16 @@ fn hostile_levels_are_refused() {
         assert!(formats::read(&path).is_err(), "{to}");
     }
     // A folder's Gaussians are loaded once: a list of it in every leaf would fill any memory.
-    let twice = good.replace("[\"0_0/meta.json\"]", "[\"0_0/meta.json\",\"0_0//meta.json\"]");
-    let mut twice: Value = serde_json::from_str(&twice).unwrap();
-    let leaf = twice["tree"].clone();
-    let mut second = leaf.clone();
-    second["lods"]["0"]["file"] = 1.into();
-    twice["tree"] = serde_json::json!({ "bound": leaf["bound"], "children": [leaf, second] });
-    std::fs::write(&path, twice.to_string()).unwrap();
-    assert!(formats::read(&path).unwrap_err().to_string().contains("named twice"));
+    for again in ["0_0//meta.json", "./0_0/meta.json"] {
+        let mut twice: Value = serde_json::from_str(&good).unwrap();
+        twice["filenames"] = serde_json::json!(["0_0/meta.json", again]);
+        let leaf = twice["tree"].clone();
+        let mut second = leaf.clone();
+        second["lods"]["0"]["file"] = 1.into();
+        twice["tree"] = serde_json::json!({ "bound": leaf["bound"], "children": [leaf, second] });
+        std::fs::write(&path, twice.to_string()).unwrap();
+        assert!(formats::read(&path).unwrap_err().to_string().contains("named twice"), "{again}");
+    }
     let deep = format!("{}{}", "{\"children\":[".repeat(5000), "]}".repeat(5000));
     std::fs::write(&path, format!("{{\"filenames\":[],\"tree\":{deep}}}")).unwrap();
     assert!(formats::read(folder.path()).is_err());

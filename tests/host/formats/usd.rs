@@ -126,7 +126,10 @@ fn transforms_move_turn_and_scale() {
     let all = "double3 xformOp:translate = (10, 0, 0)\nfloat3 xformOp:rotateXYZ = (90, 0, 90)\nfloat3 xformOp:scale = (2, 2, 2)\n\
                double3 xformOp:translate:pivot = (1, 2, 3)\nquatf xformOp:orient = (1, 0, 0, 1)\nfloat xformOp:rotateY = 90\n\
                matrix4d xformOp:transform = ((0, 2, 0, 0), (-2, 0, 0, 0), (0, 0, 2, 0), (5, 6, 7, 1))\n\
-               double3 xformOp:translate:far = (500000, 4000000.5, 0)\nfloat3 xformOp:scale:flat = (1, 1, 2)";
+               double3 xformOp:translate:far = (500000, 4000000.5, 0)\nfloat3 xformOp:scale:flat = (1, 1, 2)\n\
+               double xformOp:translateX = 4\ndouble xformOp:translateZ:up = 5\nfloat xformOp:scaleX = 2\nfloat xformOp:scaleY = 2\n\
+               float xformOp:scaleZ = 2\ndouble3 xformOp:translate:unset\nfloat xformOp:rotateX:blocked = None\n\
+               double3 xformOp:translate:moves\ndouble3 xformOp:translate:moves.timeSamples = { 1: (3, 0, 0) }";
     for (order, [x, y, z]) in [
         ("\"xformOp:translate\", \"xformOp:scale\"", [12.0, 4.0, 6.0]),
         ("\"xformOp:scale\", \"xformOp:translate\"", [22.0, 4.0, 6.0]),
@@ -138,17 +141,46 @@ fn transforms_move_turn_and_scale() {
         ("\"xformOp:rotateY\"", [3.0, 2.0, -1.0]),
         ("\"xformOp:transform\"", [1.0, 8.0, 13.0]),
         ("\"xformOp:translate:far\"", [500_001.0, 4_000_002.5, 3.0]),
+        ("\"xformOp:translateX\", \"xformOp:translateZ:up\"", [5.0, 2.0, 8.0]),
+        ("\"xformOp:scaleX\", \"xformOp:scaleY\", \"xformOp:scaleZ\"", [2.0, 4.0, 6.0]),
+        ("\"xformOp:translate:unset\", \"xformOp:rotateX:blocked\", \"xformOp:scale\"", [2.0, 4.0, 6.0]),
+        ("\"xformOp:translate\", \"!resetXformStack!\", \"xformOp:scale\"", [2.0, 4.0, 6.0]),
     ] {
         assert_eq!(mean(all, order).unwrap(), [x, y, z], "{order}");
     }
     for (order, what) in [
         ("\"xformOp:scale:flat\"", "different factors"),
         ("\"xformOp:rotateW\"", "rotateW"),
-        ("\"!resetXformStack!\", \"xformOp:scale\"", "resetXformStack"),
+        ("\"xformOp:scaleY\"", "different factors"),
+        ("\"xformOp:translate:moves\"", "translate:moves"),
     ] {
         let fault = mean(all, order).unwrap_err().to_string();
         assert!(fault.contains(what), "{order}: {fault}");
     }
+}
+
+/// The prims around do not move one that resets its transform; a root may say so too.
+#[test]
+fn a_reset_leaves_the_transforms_around_out() {
+    let moved = |around: &str, own: &str| {
+        let around = format!("double3 xformOp:translate = (100, 0, 0)\nuniform token[] xformOpOrder = [{around}]");
+        let own = format!("uniform token[] xformOpOrder = [{own}]\npoint3h[] positionsh");
+        let text = OTHER.replace("uniform token[] xformOpOrder = []", &around).replace("point3h[] positionsh", &own);
+        let means = read(text.as_bytes(), "m.usda").unwrap().gaussians.means;
+        [means[0][0], means[1][0]]
+    };
+    let (translate, reset) = ("\"xformOp:translate\"", "\"!resetXformStack!\"");
+    assert_eq!(moved(translate, ""), [101.0, 100.0]);
+    assert_eq!(moved(translate, reset), [1.0, 100.0]);
+    assert_eq!(moved(&format!("{reset}, {translate}"), ""), [101.0, 100.0]);
+}
+
+#[test]
+fn prims_far_apart_are_told() {
+    let place = "double3 xformOp:translate = (500000, 0, 0)\nuniform token[] xformOpOrder = [\"xformOp:translate\"]";
+    let text = OTHER.replace("float[] opacities = [0, 1]", &format!("float[] opacities = [0, 1]\n{place}"));
+    let doubt = read(text.as_bytes(), "m.usda").unwrap().doubt.unwrap();
+    assert!(doubt.contains("a prim lies far") && doubt.contains("about 6.0e-2 units"), "{doubt}");
 }
 
 #[test]

@@ -1,6 +1,5 @@
 //! Photos that are absent, or that lie where their capture does not say: what is found for them, and what never is.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::io::Cursor;
 use std::path::Path;
@@ -9,7 +8,6 @@ use super::dialects::{capture, notes, open};
 use super::traps::grey;
 use super::{TOP, transformed};
 use crate::support::files::writers::{picture, row, transforms, write, written};
-use qirf_vk::effects::Overrides;
 use qirf_vk::job::{Error, Selection, Silent};
 use qirf_vk::pipeline::prepare;
 use qirf_vk::scene::{LoadOptions, OpenOptions, PhotoMemory, PhotoTree, Resize, Scene, masks_of, photo_folder};
@@ -339,17 +337,7 @@ fn masks_of_16_bits_count_by_their_own_numbers() {
     for name in ["masks/b.png", "masks/c.png"] {
         grey(&capture.path().join(name), |_| [0, 255]);
     }
-    let selection = Selection {
-        scene: capture.path().to_owned(),
-        images: None,
-        resolution: None,
-        pole_mask: 0.0,
-        depth: None,
-        eval_every: 8,
-        background: None,
-        effects: Overrides::default(),
-        contents: BTreeMap::new(),
-    };
+    let selection = Selection::of(capture.path().to_owned());
     let train = || prepare::open(&selection).unwrap().load_to_train(PhotoMemory::default(), &Silent).map(|_| ());
     assert!(matches!(train(), Err(Error::AllHidden(_))));
     grey(&capture.path().join("masks/c.png"), |x| [if x == 0 { 255 } else { 0 }, 255]);

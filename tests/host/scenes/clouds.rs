@@ -46,6 +46,29 @@ fn clouds_beside_cameras_are_read() {
 }
 
 #[test]
+fn clouds_of_one_colour_are_told() {
+    let of = |points: usize, colour: bool| {
+        let head = CLOUD.split("property uchar").next().unwrap().replace("vertex 3", &format!("vertex {points}"));
+        let named: String = ["red", "green", "blue"].map(|name| format!("property uchar {name}\n")).concat();
+        let row = |k: usize| format!("{k} {} 5{}\n", k % 3, if colour { format!(" 0 {k} 0") } else { String::new() });
+        let rows: String = (0..points).map(row).collect();
+        let scene = capture(&NAMES, &NAMES);
+        fs::remove_file(scene.path().join("sparse/0/points3D.txt")).unwrap();
+        let cloud = format!("{head}{}end_header\n{rows}", if colour { named.as_str() } else { "" });
+        write(scene.path(), [("points3D.ply", cloud.into_bytes())]);
+        let opened = open(scene.path());
+        (opened.plain, notes(&opened))
+    };
+    let (plain, note) = of(12, false);
+    assert_eq!(plain, Some([128; 3]));
+    assert!(note.contains("12 points without colours, or all of one (128, 128, 128): training"), "{note}");
+    for (points, colour) in [(12, true), (9, false)] {
+        let (plain, note) = of(points, colour);
+        assert!(plain.is_none() && !note.contains("without colours"), "{points} {colour}: {note}");
+    }
+}
+
+#[test]
 fn normals_of_clouds_are_read() {
     let head = CLOUD.replace("end_header\n", "property float nx\nproperty float ny\nproperty float nz\nend_header\n");
     let rows = head.replace("4 5 6\n", "4 5 6 0 0 -2\n");

@@ -52,6 +52,12 @@ fn photos_videos_and_archives_are_told_with_their_remedy() {
 #[test]
 fn foreign_poses_are_known_by_whole_names_and_contents() {
     for (file, bytes, program) in [
+        ("cameras.psx", "x", "Metashape"),
+        ("Scan.SFM", "x", "Meshroom"),
+        ("reconstruction.json", "[]", "OpenSfM"),
+        ("database.db", "x", "COLMAP, without a model"),
+        ("poses_bounds.npy", "x", "LLFF"),
+        ("x.nvm", "NVM_V3\n", "VisualSFM"),
         ("cameras.npz", "PK", "NeuS"),
         ("scene.out", "# Bundle file v0.3\n", "Bundler"),
         ("sfm_data.bin", "x", "OpenMVG"),
@@ -102,11 +108,20 @@ fn foreign_poses_are_known_by_whole_names_and_contents() {
         ("sparse/0/cameras.bin.gz", "x", "COLMAP, compressed"),
         ("predictions.npz", "PK", "VGGT"),
         ("closed_loop_trajectory.csv", "graph_uid", "Project Aria"),
+        ("metadata.json", r#"{"h": 4, "fps": 60}"#, "Record3D"),
+        ("train_000/metadata.json", r#"{"cam_angle_x": 0.7, "cam_transform_mat": "1,0"}"#, "NeRFactor"),
+        ("metadata.json", r#"{"title": "my photos"}"#, ""),
+        ("_detail/cam_00/camera_keyframe_positions.hdf5", "x", "Hypersim"),
+        ("depth_masks/1.txt", "x", "CO3D"),
+        ("0000cc6d8b108390.txt", "https://www.youtube.com/watch?v=x\n0 0.5 0.9\n", "RealEstate10K"),
+        ("scene0000_00.sens", "x", "ScanNet"),
+        ("scene.zep", "x", "3DF Zephyr"),
         ("gps.csv", "time,lat,lon\n", ""),
         ("desktop.xml", "<settings/>", ""),
         ("all_purpose", "x", ""),
         ("train.log", "epoch 1\n", ""),
         ("notes.json", "{}", ""),
+        ("README.txt", "A video: https://www.youtube.com/watch?v=x\n", ""),
     ] {
         let folder = written([(file, bytes.into())]);
         picture(&folder.path().join("images/a.png"), 8, 6);
@@ -114,6 +129,48 @@ fn foreign_poses_are_known_by_whole_names_and_contents() {
         assert_eq!(error.contains("perhaps from "), !program.is_empty(), "{file}: {error}");
         assert!(error.contains(program), "{file}: {error}");
     }
+}
+
+#[test]
+fn tables_of_quaternions_are_told() {
+    for (file, text, is_told) in [
+        ("img_pos.csv", "name,timestamp,x,y,z,qx,qy,qz,qw\n", true),
+        ("pano/pano-poses.csv", "# ID; filename; pano_pos_x; pano_ori_w; pano_ori_x\n", true),
+        ("CameraPoses.csv", "id,tx,ty,tz,QX,QY,QZ,QW,t\n", true),
+        ("poses.json", r#"[{"qw": 1, "qx": 0}]"#, true),
+        ("images.txt", "# IMAGE_ID, QW, QX, QY, QZ, TX\n", false),
+        ("frames.txt", "# FRAME_ID, RIG_ID, RIG_FROM_WORLD[QW, QX, QY, QZ, TX]\n", false),
+        ("notes.txt", "faqw qxy\n", false),
+    ] {
+        let folder = written([(file, text.into())]);
+        picture(&folder.path().join("images/a.png"), 8, 6);
+        let error = refused(folder.path());
+        let file = file.split('/').collect::<std::path::PathBuf>();
+        let told = format!(
+            "; {} may hold poses of a format that is not read: convert it to a transforms.json",
+            file.display()
+        );
+        assert_eq!(error.contains(&told), is_told, "{error}");
+        // `run` warns of them before it estimates others.
+        let found = Scene::find(folder.path(), &OpenOptions::default());
+        assert!(matches!(found, Err(Error::NoPoses { beside, .. }) if beside.starts_with(&told) == is_told), "{told}");
+    }
+}
+
+#[test]
+fn photos_apart_from_a_model_are_named_with_it() {
+    let folder = tempfile::tempdir().unwrap();
+    write(&folder.path().join("outputs/sfm"), row(&["mapping/a.png", "mapping/b.png"]).text());
+    let photos = folder.path().join("datasets/x/mapping");
+    for name in ["a.png", "b.png"] {
+        picture(&photos.join(name), 64, 48);
+    }
+    let model = folder.path().join("outputs").join("sfm");
+    let told = format!("give it to use them, with `--images {}`", photos.display());
+    says(&refused(folder.path()), &[&format!("poses lie in {}", model.display()), &told]);
+    let mut scene = Scene::open(&model, &OpenOptions { images: Some(photos), ..OpenOptions::default() }).unwrap();
+    scene.require_photos().unwrap();
+    assert_eq!(scene.views.len(), 2);
 }
 
 #[test]
@@ -215,6 +272,11 @@ fn intrinsics_that_would_be_ignored_are_refused_or_told() {
     for numbers in ["-0.2, 0.05, 0, 0", "-0.2, 0.05, 0, 0, 0"] {
         let error = refused(with(&format!(r#", "distortion_params": [{numbers}]"#)).path());
         assert!(error.contains("its distortion_params has") && error.contains("not the six k1, k2"), "{error}");
+    }
+    for (model, numbers, wanted) in [("FISHEYE624", 6, "twelve of FISHEYE624"), ("OPENCV", 12, "not the six k1")] {
+        let numbers = vec!["0.1"; numbers].join(", ");
+        let error = refused(with(&format!(r#", "camera_model": "{model}", "distortion_params": [{numbers}]"#)).path());
+        assert!(error.contains(wanted), "{error}");
     }
     let shares =
         written([("transforms.json", transforms(r#""fl_x": 1.62, "fl_y": 2.2, "w": 64, "h": 48"#, &["a.png"]))]);

@@ -73,6 +73,16 @@ fn a_frame_without_a_pose_is_counted() {
     }
 }
 
+#[test]
+fn photos_for_validation_and_test_are_for_test() {
+    let top = r#""camera_angle_x": 1.0, "w": 64, "h": 48"#;
+    let of = |name: &'static str, photo: &str| (name, transforms(top, &[photo]));
+    let [train, val] = [of("transforms_train.json", "train/r_0"), of("transforms_val.json", "test/r_1")];
+    let opened = open(written([train, val, of("transforms_test.json", "test/r_1")]).path());
+    assert_eq!(opened.views.iter().map(|v| v.role).collect::<Vec<_>>(), [Role::Test, Role::Train]);
+    assert!(!notes(&opened).contains("both roles are ignored"), "{}", notes(&opened));
+}
+
 /// The share of a photo's pixels that its mask shows.
 fn shown(root: &Path) -> f64 {
     let photos = open(root).load_photos(&LoadOptions::default(), &|_| {}).unwrap();

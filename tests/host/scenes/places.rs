@@ -93,6 +93,9 @@ fn angles_in_degrees_and_other_files_are_named() {
     assert!(refused(with(degrees).path()).contains("34.2 is not an angle of view in radians"));
     let other = with(br#"[{"cameras": {}, "shots": {}}]"#.to_vec());
     assert!(refused(other.path()).contains("has no list \"frames\""));
+    let exported =
+        with(br#"[{"file_path": "a.png", "transform": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}]"#.to_vec());
+    assert!(refused(exported.path()).contains("`ns-export cameras` writes it"), "{}", refused(exported.path()));
     // The field is named, whether it is no number at all or one that JSON does not know.
     for (field, value) in [("k1", "\"0.1\""), ("cx", "NaN"), ("fl_x", "Infinity"), ("distortion_params[1]", "[0, {}]")]
     {
@@ -157,26 +160,9 @@ fn several_captures_are_named_and_results_are_none() {
 }
 
 #[test]
-fn poses_in_other_formats_are_named() {
+fn a_model_that_lacks_a_file_is_named() {
     let folder = tempfile::tempdir().unwrap();
     photos(&folder.path().join("images"));
-    let plain = refused(folder.path());
-    assert!(plain.ends_with("has no camera poses"), "{plain}");
-    for (file, program) in [
-        ("cameras.psx", "Metashape"),
-        ("Scan.SFM", "Meshroom"),
-        ("reconstruction.json", "OpenSfM"),
-        ("database.db", "COLMAP, without a model"),
-        ("poses_bounds.npy", "LLFF"),
-        ("bundle.out", "Bundler"),
-        ("x.nvm", "VisualSFM"),
-    ] {
-        let path = folder.path().join(file);
-        fs::write(&path, b"NVM_V3\n# Bundle file v0.3\n").unwrap();
-        let told = refused(folder.path());
-        assert!(told.contains(&format!("perhaps from {program}, is not read: ")), "{told}");
-        fs::remove_file(path).unwrap();
-    }
     write(&folder.path().join("sparse/0"), row(&["a.png"]).text());
     fs::remove_file(folder.path().join("sparse/0/images.txt")).unwrap();
     assert!(refused(folder.path()).contains("has cameras.bin or .txt, but no images.bin or .txt"));

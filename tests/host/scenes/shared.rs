@@ -19,12 +19,7 @@ fn snowmiku() {
     assert_eq!((split.train.len(), split.test.len()), (84, 13));
     // Most points lie before the cameras and within their pictures.
     let camera = &scene.views[40].camera;
-    let seen = scene.points.iter().filter(|p| {
-        let x = camera.rotation * p.position + camera.translation;
-        let pixel = glam::DVec2::new(x.x / x.z, x.y / x.z) * camera.focal + camera.principal;
-        x.z > 0.0 && (0.0..989.0).contains(&pixel.x) && (0.0..742.0).contains(&pixel.y)
-    });
-    let seen = seen.count();
+    let seen = scene.points.iter().filter(|p| camera.shows(p.position)).count();
     println!("snowmiku: {seen} of 25784 points in view 40, extent {:.3}", scene.extent(&split.train));
     assert!(seen > 5_000);
 }
@@ -43,11 +38,7 @@ fn king() {
     let mut inside = (0, 0);
     for point in &scene.points {
         for &v in &point.track {
-            let camera = &scene.views[v as usize].camera;
-            let x = camera.rotation * point.position + camera.translation;
-            let pixel = glam::DVec2::new(x.x / x.z, x.y / x.z) * camera.focal + camera.principal;
-            let size = glam::DVec2::new(f64::from(camera.width), f64::from(camera.height));
-            inside.0 += usize::from(x.z > 0.0 && pixel.cmpge(glam::DVec2::ZERO).all() && pixel.cmplt(size).all());
+            inside.0 += usize::from(scene.views[v as usize].camera.shows(point.position));
             inside.1 += 1;
         }
     }

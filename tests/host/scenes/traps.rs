@@ -106,6 +106,22 @@ fn lenses_of_nerfstudio_and_instant_ngp_are_read_or_refused_by_name() {
     assert_eq!(open(capture(own).path()).views[0].lens.focal.to_array(), [70.0, 70.0]);
 }
 
+/// Project Aria's lens is COLMAP's of another name, with its twelve coefficients in the same order, of the file or of a frame.
+#[test]
+fn fisheyes_of_project_aria_are_read() {
+    let bends = [0.05, -0.02, 0.01, 0.001, 0.0, 0.0002, 0.002, -0.001, 0.001, 0.0003, -0.001, 0.0004];
+    let wanted = [&[50.0, 51.0, 32.0, 24.0][..], &bends].concat();
+    let wanted = Lens::from_colmap(LensModel::RadTanThinPrismFisheye, 64, 48, &wanted).unwrap();
+    let lens = |json: String| -> Lens { open(capture(json).path()).views[0].lens };
+    let bends = format!(r#""distortion_params": {bends:?}"#);
+    for name in ["FISHEYE624", "RAD_TAN_THIN_PRISM_FISHEYE"] {
+        let top = format!(r#"{TOP}, "camera_model": "{name}""#);
+        assert_eq!(lens(json(&format!("{top}, {bends}"))), wanted, "{name}");
+        let of_frames = json(&top).replace("{\"file_path\"", &format!("{{{bends}, \"file_path\""));
+        assert_eq!(lens(of_frames), wanted, "{name}");
+    }
+}
+
 /// Beside poses with OpenCV's axes, NeuS2 gives a matrix of intrinsics for each frame.
 #[test]
 fn axes_and_intrinsics_of_neus2_are_read_and_those_of_mitsuba_refused() {

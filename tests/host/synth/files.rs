@@ -2,6 +2,7 @@
 
 use super::terrain::strip;
 use super::{make, options};
+use crate::support::content;
 use qirf_vk::synth::{self, Effect, Error, SynthOptions};
 use std::collections::BTreeMap;
 use std::fs;
@@ -10,19 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// All files below a folder with their bytes.
 fn bytes(dir: &Path) -> BTreeMap<String, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    let mut open = vec![dir.to_path_buf()];
-    while let Some(folder) = open.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                open.push(path);
-            } else {
-                found.insert(path.strip_prefix(dir).unwrap().display().to_string(), fs::read(&path).unwrap());
-            }
-        }
-    }
-    found
+    let name = |path: &Path| path.strip_prefix(dir).unwrap().display().to_string();
+    content(dir).into_iter().map(|(path, bytes)| (name(&path), bytes)).collect()
 }
 
 #[test]

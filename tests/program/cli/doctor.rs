@@ -168,14 +168,19 @@ fn faults_that_all_photos_of_a_camera_share_are_named_once() {
     advises(&told(&sandbox, |folder| cut_points(folder, 10)), "no two photos share a point");
 
     // Without tracks, only the colours tell.
-    let untracked = told(&sandbox, |folder| {
-        cut_points(folder, 8);
-        edit(&folder.join("sparse/0/images.txt"), |line| if line.contains(".png") { line } else { "" }.to_owned());
-        let text = fs::read_to_string(folder.join("sparse/0/images.txt")).unwrap();
-        fs::write(folder.join("sparse/0/images.txt"), text.trim_start()).unwrap();
-        pose(folder, invert);
-    });
-    let advice = untracked["advice"].to_string();
+    let untracked = |change: fn(DQuat, DVec3) -> (DQuat, DVec3)| {
+        let told = told(&sandbox, |folder| {
+            cut_points(folder, 8);
+            edit(&folder.join("sparse/0/images.txt"), |line| if line.contains(".png") { line } else { "" }.to_owned());
+            let text = fs::read_to_string(folder.join("sparse/0/images.txt")).unwrap();
+            fs::write(folder.join("sparse/0/images.txt"), text.trim_start()).unwrap();
+            pose(folder, change);
+        });
+        told["advice"].to_string()
+    };
+    let advice = untracked(|q, t| (DQuat::from_xyzw(q.y, q.z, q.w, q.x), t));
+    assert!(advice.contains("quaternions seem to be in the order x y z w"), "{advice}");
+    let advice = untracked(invert);
     assert!(
         advice.contains("the poses seem to be inverted") && advice.contains("the points fall into 0 % of"),
         "{advice}"

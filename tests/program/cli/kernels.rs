@@ -60,9 +60,8 @@ fn hot_kernels_have_several_loads_in_flight_on_amd() {
         return skip("no driver of AMD's GPUs");
     }
     let mut command = Command::new(source("tools/isa"));
-    let output = command.env("QIRF_PROGRAM", env!("CARGO_BIN_EXE_qirf-vk")).output().expect("tools/isa starts");
-    let table = String::from_utf8(output.stdout).expect("a table");
-    assert!(output.status.success() && !table.contains('?'), "{table}{}", String::from_utf8_lossy(&output.stderr));
+    let table = works(command.env("QIRF_PROGRAM", env!("CARGO_BIN_EXE_qirf-vk"))).out;
+    assert!(!table.contains('?'), "{table}");
     let rows: Vec<Vec<&str>> = table.lines().map(|row| row.split('|').map(str::trim).collect()).collect();
     for (kernel, least) in
         [("render/rasterise", 3), ("train/adam", 4), ("render/project_backward", 6), ("train/loss_tiles", 8)]

@@ -113,26 +113,38 @@ fn a_page_shows_what_render_shows() {
     }
 }
 
-/// As that of most photos, the principal point lies beside the picture's middle; it stays there when the camera moves.
+/// The principal point lies beside the picture's middle, as that of most photos, and pixels are not square; both stay so when the camera
+/// moves.
 #[test]
-fn a_page_has_the_principal_point_of_its_first_camera() {
+fn a_page_has_the_intrinsics_of_its_first_camera() {
     let sandbox = Sandbox::new();
-    sandbox.scene("photos", &format!("1 PINHOLE {} {} 260 260 187 101", SIZE[0], SIZE[1]), &["one.png"]);
+    sandbox.scene("photos", &format!("1 PINHOLE {} {} 325 260 187 101", SIZE[0], SIZE[1]), &["one.png"]);
     formats::write(&sandbox.path("cloud.ply"), &cloud(1000), RenderMode::Plain).unwrap();
     sandbox.converts(&["cloud.ply", "cloud.html", "--scene", "photos"]);
     let given = parameters(&fs::read_to_string(sandbox.path("cloud.html")).unwrap());
     let shift: [f64; 2] = serde_json::from_value(given["start"]["shift"].clone()).unwrap();
     assert!((shift[0] - 27.0 / 240.0).abs() < 1e-9 && (shift[1] + 19.0 / 240.0).abs() < 1e-9, "{shift:?}");
+    assert_eq!(given["start"]["stretch"], 1.25);
     sandbox.converts(&["cloud.ply", "cloud.spz"]);
     sandbox.works(&["render", "cloud.spz", "--scene", "photos", "-o", "out"]);
     let Some(mut page) = open(&sandbox, "cloud.html") else { return };
     let (psnr, most) = likeness(&mut page, &sandbox, "out/one.png");
     assert!(psnr > 45.0, "{psnr} dB, at most {most}");
-    let now = "JSON.stringify(viewer.camera.shift)";
+    let now = "JSON.stringify([...viewer.camera.shift, viewer.camera.stretch])";
     let before = page.value(now);
     page.value("viewer.camera.orbit(0.2, 0.1)");
     page.key("l");
-    assert!(before != "[0,0]" && page.value(now) == before, "{before}");
+    assert!(before != "[0,0,1]" && page.value(now) == before, "{before}");
+}
+
+/// Among the faces' names, `front` is not the first.
+#[test]
+fn a_page_of_a_photo_that_is_cut_into_faces_begins_with_the_front() {
+    let sandbox = Sandbox::new();
+    sandbox.scene("wide", "1 OPENCV_FISHEYE 96 72 22 22 48 36 0 0 0 0", &["one.png"]);
+    sandbox.converts(&["model.ply", "page.html", "--scene", "wide"]);
+    let given = parameters(&fs::read_to_string(sandbox.path("page.html")).unwrap());
+    assert_eq!(given["start"]["rotation"], json!([1.0, 0.0, 0.0, 0.0]));
 }
 
 /// A capture a hundred times smaller than usual, where z is up: nothing of it lies beyond the usual near plane.
@@ -281,7 +293,7 @@ fn opens(n: usize) {
     large.log_scales.iter_mut().flatten().for_each(|s| *s -= 2.0);
     formats::write(&sandbox.path("large.ply"), &large, RenderMode::Plain).unwrap();
     let said = sandbox.converts(&["large.ply", "large.html"]).said;
-    assert!(said.contains("loss not measured: there is no Vulkan device"), "{said}");
+    assert!(said.contains("precision not chosen by pictures, loss not measured: there is no Vulkan device"), "{said}");
     let Some(mut page) = open(&sandbox, "large.html") else { return };
     assert_eq!(page.value("viewer.n"), n);
     assert!(page.value("viewer.pixels().some((v, i) => i % 4 < 3 && v > 60)") == true);
@@ -352,6 +364,20 @@ fn posters_show_small_models_and_huge_pictures_too() {
          const { left, width, height } = poster.getBoundingClientRect(); return [left, width, height] })()",
     );
     assert_eq!(place, json!([40, 240, 240]));
+}
+
+/// The rest of the page is for the model.
+#[test]
+fn a_poster_takes_at_most_a_fiftieth_of_a_size() {
+    let sandbox = Sandbox::new();
+    let poster = |more: &[&str]| {
+        sandbox.works(&[&["convert", "model.ply", "page.html"][..], more].concat());
+        let page = fs::read_to_string(sandbox.path("page.html")).unwrap();
+        page.split_once("id=\"poster\" src=\"").map(|(_, rest)| rest.find('"').unwrap())
+    };
+    let bytes = poster(&[]).unwrap();
+    assert_eq!(poster(&["--size", &format!("{}B", 50 * bytes)]), Some(bytes));
+    assert_eq!(poster(&["--size", &format!("{}B", 50 * bytes - 1)]), None);
 }
 
 #[test]

@@ -4,6 +4,7 @@
 use super::{Sandbox, model};
 #[cfg(target_os = "linux")]
 use crate::program::ended::{end, qirf};
+use crate::support::documented;
 use qirf_vk::gaussians::formats;
 use std::fs;
 
@@ -57,6 +58,7 @@ fn a_wrong_command_line_is_usage() {
         vec!["device", "--tune", "9", "--fingerprint"],
         vec!["run", "scene", "-o", "out", "--antialias", "--effect", "antialias=off"],
         vec!["run", "scene", "-o", "out", "--sh-degree", "1", "--effect", "view_dependence=off"],
+        vec!["run", "scene", "-o", "out", "--effect", "exposure=on", "--effect", "exposure=off"],
         vec!["run", "scene", "-o", "out", "--no-prune", "--keep", "0.2"],
         vec!["run", "scene", "-o", "-"],
         vec!["pose", "scene", "-o", "-"],
@@ -244,4 +246,21 @@ fn what_cannot_be_held_or_written_is_resources() {
         let full = fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
         end(qirf(["completions", "bash"]).stdout(full)).with(5, &["standard output"]);
     }
+}
+
+#[test]
+fn a_largest_number_below_what_there_is_says_so() {
+    let sandbox = Sandbox::new();
+    sandbox.works(&["synth", "made", "--views", "9", "--size", "48x36", "--points", "400"]);
+    let run = ["run", "made", "-o", "out", "--iterations", "2", "--max-gaussians", "90", "--target-count", "500"];
+    let ended = sandbox.works(&[&run[..], &["--no-report", "--size", "9kB", "--json"]].concat()).with(
+        0,
+        &[
+            " points are thinned out to 90, as many as are allowed",
+            "500 Gaussians were asked for, and the model has ",
+            ": --max-gaussians 90 allows no more",
+        ],
+    );
+    assert!(ended.json()["packed"]["output"]["bytes"].as_u64().is_some_and(|bytes| bytes <= 9000), "{}", ended.out);
+    documented("metrics.json", &serde_json::json!({ "packed": null }));
 }

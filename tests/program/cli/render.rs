@@ -1,11 +1,10 @@
-//! `render`: pictures of scenes and orbits, their formats, and an interrupt.
+//! `render`: pictures of scenes and orbits, their formats, outputs that cannot be written, and an interrupt. `convert --lod`: the same
+//! of its output, and what it says of levels.
 
 use super::{Sandbox, model};
-use crate::program::ended::Ended;
 use qirf_vk::gaussians::formats;
 use std::fs;
 use std::path::Path;
-use std::process::Command;
 
 fn size(path: &Path) -> (u32, u32) {
     image::image_dimensions(path).unwrap()
@@ -89,22 +88,31 @@ fn orbits_of_any_model_show_it() {
     assert!(shown("lone") > 20 && shown("tiny") > 50 && shown("none") == 0);
 }
 
+/// Otherwise the message is that of the device.
+#[test]
+fn an_output_that_cannot_be_written_is_refused_before_a_device_is_opened() {
+    let sandbox = Sandbox::new();
+    let device = ["--device", "no such device"];
+    let fails = |command: &[&str]| sandbox.fails(5, &[command, &device].concat(), &["model.ply"]);
+    fails(&["render", "model.ply", "--panorama", "-o", "model.ply/around.png"]);
+    fails(&["convert", "model.ply", "model.ply/new/lod-meta.json", "--lod", "3"]);
+}
+
+#[test]
+fn levels_of_detail_are_measured_as_they_are_written() {
+    let sandbox = Sandbox::new();
+    let said = sandbox.works(&["convert", "model.ply", "lod/lod-meta.json", "--lod", "2"]).said;
+    assert!(said.contains("level 0: 20 Gaussians, ") && said.contains("level 1: 7 Gaussians, "), "{said}");
+}
+
 #[cfg(unix)]
 #[test]
 fn ctrl_c_ends_with_130_and_whole_pictures() {
-    use std::process::Stdio;
+    use crate::program::faults::harness::{start, whole};
     let sandbox = Sandbox::new();
-    let mut command = sandbox.command(&["render", "model.ply", "--orbit", "100000", "-o", "out", "--size", "64x48"]);
-    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
-    let begun = std::time::Instant::now();
-    while !sandbox.path("out/orbit_000003.png").exists() {
-        assert!(begun.elapsed().as_secs() < 60 && child.try_wait().unwrap().is_none(), "no picture came");
-        std::thread::sleep(std::time::Duration::from_millis(10));
-    }
-    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
-    Ended::of(&child.wait_with_output().unwrap()).with(130, &["interrupted"]);
-    for entry in fs::read_dir(sandbox.path("out")).unwrap() {
-        let path = entry.unwrap().path();
-        assert!(path.extension().is_some_and(|e| e == "png") && image::open(&path).is_ok(), "{}", path.display());
-    }
+    let render = ["render", "model.ply", "--orbit", "100000", "-o", "out", "--size", "64x48"];
+    let mut child = start(&mut sandbox.command(&render));
+    assert!(child.until(|| sandbox.path("out/orbit_000003.png").exists()), "no picture came");
+    child.signal("INT").with(130, &["interrupted"]);
+    whole(&sandbox.path("out"));
 }

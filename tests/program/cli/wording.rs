@@ -1,4 +1,4 @@
-//! Words of messages: unknown names, numbers out of range, missing arguments, counts of one, and notes.
+//! Words of messages: unknown names, numbers out of range, counts of one, and notes.
 
 use super::{Sandbox, model};
 use crate::program::ended::end;
@@ -59,12 +59,6 @@ fn numbers_out_of_range_are_refused_by_what_is_allowed() {
         sandbox.fails(2, &arguments, &["invalid value '", says]);
     }
     assert!(!sandbox.path("out").exists());
-}
-
-#[test]
-fn a_model_alone_cannot_be_scored_and_is_told_what_is_missing() {
-    let sandbox = Sandbox::new();
-    sandbox.fails(2, &["eval", "model.ply"], &["a scene", "--config", "--against", "`qirf-vk eval model.ply capture`"]);
 }
 
 #[test]

@@ -68,9 +68,7 @@ fn files_without_enough_pictures_are_refused_with_advice_on_videos() {
     let stage = Stage::new();
     fs::write(stage.path("broken.mp4"), [7; 999]).unwrap();
     fs::write(stage.path("empty.mp4"), "").unwrap();
-    let mut ffmpeg = Command::new("ffmpeg");
-    ffmpeg.args(["-loglevel", "error", "-nostdin", "-f", "lavfi", "-i", "sine=duration=0.2", "-c:a", "aac"]);
-    assert!(ffmpeg.arg(stage.path("sound.mp4")).status().unwrap().success());
+    made("sine=duration=0.2", &["-c:a", "aac"], &stage.path("sound.mp4"));
     for (file, told) in [
         ("broken.mp4", "copy or export it again"),
         ("empty.mp4", "copy or export it again"),

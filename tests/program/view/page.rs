@@ -54,7 +54,8 @@ fn a_crop_option_tells_the_sphere_in_the_picture() {
     page.until(RESTED);
     // In the coordinates of the file, also where a run has another unit; round the target, which need not be in the middle.
     page.value(
-        "document.getElementById('crop').open = true; viewer.scene.unit = 0.5; viewer.camera.shift = [0.1, -0.05]",
+        "document.getElementById('crop').open = true; viewer.scene.unit = 0.5; \
+         Object.assign(viewer.camera, { shift: [0.1, -0.05], stretch: 1.25 })",
     );
     for narrow in [false, true] {
         if narrow {
@@ -68,7 +69,7 @@ fn a_crop_option_tells_the_sphere_in_the_picture() {
         ))[..] else {
             panic!("six numbers")
         };
-        let radius = 0.5 * distance * ((0.5 * fov).tan() * (ratio - 0.2).min(0.9)).atan().sin();
+        let radius = 0.5 * distance * ((0.5 * fov).tan() * ((ratio - 0.2) / 1.25).min(0.9)).atan().sin();
         let right = [0.5 * x - 10.0, 0.5 * y, 0.5 * z, radius];
         let told =
             "document.querySelector('#crop > code').textContent.replace('--crop-sphere ', '').split(',').map(Number)";
@@ -209,16 +210,16 @@ fn mouse_and_keys_move_the_camera() {
     assert_eq!(page.complaints, Vec::<String>::new());
 }
 
-/// An address of an earlier version has 9 numbers: the principal point is in the middle.
+/// An address of an earlier version has 9 numbers, the principal point being in the middle, or 11, pixels being square.
 #[test]
 fn an_address_keeps_the_view() {
     let viewer = viewer(&[]);
     let Some(mut page) = Browser::open(&viewer.url) else { return };
-    page.until(&format!("{RESTED} && location.hash.startsWith('#pose=') && location.hash.split(',').length === 11"));
-    for (numbers, shift) in [("4,0.25,-0.5", "0.25,-0.5"), ("5", "0,0")] {
+    page.until(&format!("{RESTED} && location.hash.startsWith('#pose=') && location.hash.split(',').length === 12"));
+    for (numbers, rest) in [("4,0.25,-0.5,1.5", "0.25,-0.5,1.5"), ("4,0.5,0", "0.5,0,1"), ("5", "0,0,1")] {
         page.value(&format!("location.hash = 'pose=1,2,3,1,0,0,0,0.8,{numbers}'"));
-        let now = "[...viewer.camera.position, ...viewer.camera.shift].join()";
-        page.until(&format!("{now} === '1,2,3,{shift}' && {RESTED}"));
+        let now = "[...viewer.camera.position, ...viewer.camera.shift, viewer.camera.stretch].join()";
+        page.until(&format!("{now} === '1,2,3,{rest}' && {RESTED}"));
     }
     assert_eq!(page.complaints, Vec::<String>::new());
 }

@@ -2,7 +2,7 @@
 
 use super::session::{Viewer, request};
 use super::{beside, scene};
-use crate::program::ended::{Ended, end, qirf};
+use crate::program::ended::{Ended, copy, end, qirf};
 use crate::support::{device, finish};
 use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gaussians::{Gaussians, formats};
@@ -151,13 +151,8 @@ fn png(image: &Image) -> Vec<u8> {
 fn colours_mean_what_the_page_says() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("row.ply");
-    let mut model = Gaussians::zeroed(6, 0);
-    for i in 0..6 {
-        model.means[i] = [i as f32 - 2.5, 0.0, 0.0];
-        model.log_scales[i] = [0.12_f32.ln(); 3];
-        model.rotations[i] = [1.0, 0.0, 0.0, 0.0];
-        model.opacity_logits[i] = 6.0;
-    }
+    let means = (0..6_u8).map(|i| [f32::from(i) - 2.5, 0.0, 0.0]).collect();
+    let model = Gaussians::balls(means, 0.12_f32.ln(), 6.0, 0);
     formats::write(&path, &model, formats::RenderMode::Plain).unwrap();
     let model = formats::read(&path).unwrap().gaussians;
     let facts = Diagnostics {
@@ -271,4 +266,18 @@ fn a_run_writes_its_last_prune_and_the_model_before_it() {
     let again = folder.path().join("again");
     program(&[&["run", &scene, "-o", again.to_str().unwrap()], &run[4..]].concat()).with(0, &[]);
     assert_eq!(fs::read(out.join("model.ply")).unwrap(), fs::read(again.join("model.ply")).unwrap());
+}
+
+/// Among the faces' names, `front` is not the first.
+#[test]
+fn a_photo_that_is_cut_into_faces_is_shown_from_its_front_first() {
+    let folder = tempfile::tempdir().unwrap();
+    copy(scene(), folder.path());
+    fs::write(folder.path().join("sparse/0/cameras.txt"), "1 OPENCV_FISHEYE 64 48 15 15 32 24 0 0 0 0\n").unwrap();
+    let viewer = Viewer::start(&["view", &beside("model.ply"), "--scene", &folder.path().display().to_string()]);
+    let description = viewer.json("/scene.json");
+    let cameras = description["cameras"].as_array().unwrap();
+    let is_start = |c: &&Value| ["position", "rotation"].iter().all(|key| c[key] == description["start"][key]);
+    let first = cameras.iter().find(is_start).unwrap();
+    assert!(first["held_out"] == true && first["name"].as_str().unwrap().contains(".front."), "{first}");
 }

@@ -6,9 +6,7 @@ use std::net::TcpStream;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
-use tungstenite::handshake::client::generate_key;
-use tungstenite::http::Request;
-use tungstenite::{Error, Message, WebSocket};
+use tungstenite::{ClientRequestBuilder, Error, Message, WebSocket};
 
 /// The program while it shows something; it ends when dropped.
 pub struct Viewer {
@@ -101,16 +99,9 @@ impl Viewer {
 
     /// A WebSocket of a client that has entered.
     pub fn socket(&self) -> Socket {
-        let request = Request::get(format!("ws://{}/ws", self.host))
-            .header("Host", &self.host)
-            .header("Origin", format!("http://{}", self.host))
-            .header("Cookie", &self.cookie)
-            .header("Connection", "Upgrade")
-            .header("Upgrade", "websocket")
-            .header("Sec-WebSocket-Version", "13")
-            .header("Sec-WebSocket-Key", generate_key())
-            .body(())
-            .unwrap();
+        let request = ClientRequestBuilder::new(format!("ws://{}/ws", self.host).parse().unwrap())
+            .with_header("Origin", format!("http://{}", self.host))
+            .with_header("Cookie", &self.cookie);
         Socket(tungstenite::client(request, self.connect()).expect("a WebSocket").0)
     }
 

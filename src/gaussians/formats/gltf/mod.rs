@@ -59,15 +59,16 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
         }
         for (k, primitive) in primitives.iter().enumerate() {
             let record = format!("mesh {}, primitive {k}", placed.mesh);
-            let Some((part, tag)) = splats::read(&store, primitive, &record)? else { continue };
-            tags.push(tag);
+            let Some((part, mut tag)) = splats::read(&store, primitive, &record)? else { continue };
             for (mut part, map) in std::iter::repeat_n(part, copies.len()).zip(&copies) {
                 // A small file may place a mesh many times.
                 if !fits(model.len() + part.len(), model.degree().max(part.degree()), store.bytes) {
                     let what = format!("placed too often for a file of {} bytes; {AGAIN}", store.bytes);
                     return Err(malformed(record, what));
                 }
-                turn::place(&mut part, map, &mut origin, &format!("node {}", placed.node))?;
+                if let Some(doubt) = turn::place(&mut part, map, &mut origin, &format!("node {}", placed.node))? {
+                    tag.add_doubt(doubt);
+                }
                 if found {
                     model.append(&part);
                 } else {
@@ -75,6 +76,7 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
                 }
                 found = true;
             }
+            tags.push(tag);
         }
     }
     let mut tag = Tag::of_parts(tags);
@@ -82,11 +84,13 @@ pub(super) fn read(bytes: &[u8], folder: Option<&Path>) -> Result<Parsed, Fault>
     tag.add_first(unknown.map(|other| {
         format!("the file requires {}, which is not known; the Gaussians are read without it", shown(other, 60))
     }));
-    let mut primitives = document.meshes.iter().flat_map(|mesh| mesh.primitives.iter());
-    if !found && document.nodes.iter().any(document::Node::is_hidden) && primitives.any(splats::holds) {
-        return Err(Fault::Unsupported(format!(
-            "no visible primitive with {EXTENSION}: KHR_node_visibility hides its node; show it in the program that made the file"
-        )));
+    if !found && document.meshes.iter().flat_map(|mesh| mesh.primitives.iter()).any(splats::holds) {
+        let why = if document.nodes.iter().any(document::Node::is_hidden) {
+            format!("no visible primitive with {EXTENSION}: KHR_node_visibility hides its node; show it")
+        } else {
+            "its Gaussians are in a mesh that no node of the scene places; add such a node".to_owned()
+        };
+        return Err(Fault::Unsupported(format!("{why} in the program that made the file")));
     }
     if !found && !document.used.iter().any(|name| name == EXTENSION) {
         return Err(Fault::Unsupported(format!(

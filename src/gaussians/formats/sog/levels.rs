@@ -2,16 +2,17 @@
 //! each level are; a viewer loads the level that a leaf needs at its distance.
 
 use super::super::fault::{Fault, malformed};
-use super::super::{Gaussians, Parsed, RenderMode, SogPrecision, Tag};
+use super::super::{Gaussians, Parsed, RenderMode, SogPrecision, Tag, stays_within};
 use super::means::Means;
 use super::pack::files as pack_files;
 use super::unpack;
+use crate::scene::text_of;
 use glam::{Mat3, Quat, Vec3};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 /// Name of the file that describes all others.
 pub(in super::super) const LEVELS: &str = "lod-meta.json";
@@ -27,15 +28,15 @@ const AGAIN: &str = "export the model again";
 /// A Gaussian: its level and its number there.
 type Member = (usize, u32);
 
-/// The levels of a model as files, by path within a folder; the finest level comes first.
+/// The levels of a model as files, by path within a folder, each of its own precision; the finest level comes first.
 pub(in super::super) fn pack(
     levels: &[Gaussians],
     mode: RenderMode,
-    precision: &SogPrecision,
+    precisions: &[SogPrecision],
 ) -> Result<Vec<(String, Vec<u8>)>, Fault> {
     let mut members = Vec::new();
     for (level, model) in levels.iter().enumerate() {
-        let order = Means::new(model, precision.mean)?.order(model);
+        let order = Means::new(model, precisions[level].mean)?.order(model);
         members.extend(order.into_iter().map(|i| (level, i)));
     }
     let mut writer = Writer { levels, leaves: Vec::new() };
@@ -56,6 +57,7 @@ pub(in super::super) fn pack(
             if !folder.is_empty() && (folder.len() >= LEAF || k + 1 == writer.leaves.len()) {
                 let part = model.select(&folder.iter().map(|i| *i as usize).collect::<Vec<_>>());
                 let order: Vec<u32> = (0..part.len() as u32).collect();
+                let precision = &precisions[level];
                 let means = Means::new(&part, precision.mean)?;
                 let name = format!("{level}_{in_level}");
                 let packed = pack_files(&part, mode, (precision, &means, &order))?;
@@ -169,7 +171,7 @@ struct Place {
 /// The folders, in this one, of the levels that its `lod-meta.json` names, as far as they are named as this program names them.
 pub(in super::super) fn folders_of_levels(folder: &Path) -> BTreeSet<PathBuf> {
     let text = std::fs::read(folder.join(LEVELS)).unwrap_or_default();
-    let named = serde_json::from_slice::<Levels>(&text).map(|levels| levels.filenames).unwrap_or_default();
+    let named = parsed(text).map(|levels| levels.filenames).unwrap_or_default();
     let own = |name: &str| {
         let (level, part) = name.strip_suffix("/meta.json")?.split_once('_')?;
         let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
@@ -183,30 +185,38 @@ fn wrong(what: impl Display) -> Fault {
     malformed(LEVELS, format!("{what}; {AGAIN}"))
 }
 
+/// The content of a `lod-meta.json`.
+fn parsed(text: Vec<u8>) -> Result<Levels, Fault> {
+    let text = text_of(text).map_err(|(place, what)| malformed(format!("{LEVELS}, {place}"), what))?;
+    serde_json::from_str(&text).map_err(wrong)
+}
+
 /// Reads the SOG folder, within this one, whose `meta.json` has this name. Each may be named once: a long list of one folder would fill
 /// any memory.
 fn part<'a>(folder: &Path, name: &'a str, known: &mut BTreeSet<&'a Path>) -> Result<Parsed, Fault> {
     let path = Path::new(name);
-    if !path.components().all(|c| matches!(c, Component::Normal(_))) || !name.ends_with("meta.json") {
+    if !stays_within(path) || !name.ends_with("meta.json") {
         return Err(wrong(format!("{name} is not a meta.json within the folder")));
     }
-    let part = path.parent().unwrap_or(Path::new(""));
+    // With and without `./`, a name is that of one folder.
+    let part = path.strip_prefix(".").unwrap_or(path).parent().unwrap_or(Path::new(""));
     if !known.insert(part) {
         return Err(wrong(format!("{name} is named twice")));
     }
     unpack::read_folder(&folder.join(part))
 }
 
-/// Reads the finest level of the model that `lod-meta.json` in this folder describes, and its environment.
-pub(in super::super) fn read(folder: &Path) -> Result<Parsed, Fault> {
+/// Reads a level of the model that `lod-meta.json` in this folder describes, 0 for the finest, and its environment.
+pub(in super::super) fn read_level(folder: &Path, level: usize) -> Result<Parsed, Fault> {
     let path = folder.join(LEVELS);
     let text = std::fs::read(&path).map_err(|source| Fault::Io { path, source })?;
-    let Levels { filenames, tree, environment } = serde_json::from_slice(&text).map_err(wrong)?;
+    let Levels { filenames, tree, environment } = parsed(text)?;
+    let level = level.to_string();
     let mut places: BTreeMap<usize, Vec<Place>> = BTreeMap::new();
     let mut nodes = vec![&tree];
     while let Some(node) = nodes.pop() {
         nodes.extend(&node.children);
-        if let Some(place) = node.lods.get("0") {
+        if let Some(place) = node.lods.get(&level) {
             places.entry(place.file).or_default().push(*place);
         }
     }
@@ -235,7 +245,7 @@ pub(in super::super) fn read(folder: &Path) -> Result<Parsed, Fault> {
             }
         }
     }
-    let mut whole = whole.ok_or_else(|| wrong("no Gaussians of level 0"))?;
+    let mut whole = whole.ok_or_else(|| wrong(format!("no Gaussians of level {level}")))?;
     if let Some(name) = environment.as_deref().filter(|name| !name.is_empty()) {
         let around = part(folder, name, &mut known)?;
         whole.gaussians.append(&around.gaussians);

@@ -15,8 +15,8 @@ mod turn;
 mod unpack;
 mod webp;
 
-pub(super) use levels::{LEVELS, folders_of_levels, pack as pack_levels, read as read_levels};
-pub(super) use pack::pack;
+pub(super) use levels::{LEVELS, folders_of_levels, pack as pack_levels, read_level};
+pub(super) use pack::{pack, suffices};
 pub(super) use unpack::{parts, read_bundle, read_folder};
 
 /// A rotation's alpha less the index of its greatest component.

@@ -10,13 +10,14 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, System, ZipWriter};
 
 use super::super::fault::Fault;
-use super::super::weight::weight;
+use super::super::weight::{FAINT, colour_change, weight};
 use super::super::{Gaussians, META, RenderMode, SogPrecision};
 use super::book::Book;
 use super::means::Means;
+use super::palette::{self, Palette};
 use super::turn::least_turn;
 use super::webp::Texture;
-use super::{ENTRIES_A_ROW, GREATEST, palette};
+use super::{ENTRIES_A_ROW, GREATEST};
 use crate::gaussians::opacity;
 
 /// Labels have 16 bits.
@@ -31,6 +32,23 @@ pub(in super::super) fn pack(model: &Gaussians, mode: RenderMode, precision: &So
     let means = Means::new(model, precision.mean)?;
     let order = means.order(model);
     bundle(&files(model, mode, (precision, &means, &order))?)
+}
+
+/// True if a larger palette would show nothing more: it has as many entries as it can have, or changes colours faintly.
+pub(in super::super) fn suffices(model: &Gaussians, precision: &SogPrecision) -> bool {
+    let n = model.len();
+    if entries(n, precision) >= n.min(MOST_ENTRIES) {
+        return true;
+    }
+    let order: Vec<u32> = (0..n as u32).collect();
+    let (vectors, Palette { values, labels }) = fitted(model, &order, precision);
+    let numbers = vectors.len() / n;
+    let square = |i: usize| {
+        let own = &vectors[i * numbers..][..numbers];
+        let shown = &values[labels[i] as usize * numbers..][..numbers];
+        own.iter().zip(shown).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>()
+    };
+    colour_change(model, square) < FAINT
 }
 
 /// The files of a consistent model in this order: `meta.json` first.
@@ -122,10 +140,14 @@ fn thickened(scales: [f32; 3]) -> [f32; 3] {
     scales.map(|s| s.max(least))
 }
 
-/// Bands 1 and up: the palette's texture, the labels' texture and their entry of `meta.json`.
-fn rest_bands(model: &Gaussians, order: &[u32], precision: &SogPrecision) -> (Texture, Texture, Value) {
-    let per_entry = (model.degree() + 1).pow(2) - 1;
-    let numbers = 3 * per_entry;
+/// Most entries of a palette for this many Gaussians.
+fn entries(gaussians: usize, precision: &SogPrecision) -> usize {
+    (gaussians as f64 * precision.palette).ceil().clamp(1.0, MOST_ENTRIES as f64) as usize
+}
+
+/// Coefficients of bands 1 and up, Gaussian by Gaussian in this order, and their palette.
+fn fitted(model: &Gaussians, order: &[u32], precision: &SogPrecision) -> (Vec<f32>, Palette) {
+    let numbers = 3 * ((model.degree() + 1).pow(2) - 1);
     let mut vectors = vec![0.0_f32; model.len() * numbers];
     vectors.par_chunks_exact_mut(numbers).zip(order).for_each(|(vector, i)| {
         let mut start = 0;
@@ -135,8 +157,14 @@ fn rest_bands(model: &Gaussians, order: &[u32], precision: &SogPrecision) -> (Te
             start += w;
         }
     });
-    let entries = (model.len() as f64 * precision.palette).ceil().clamp(1.0, MOST_ENTRIES as f64) as usize;
-    let palette = palette::fit(&vectors, &weights(model, order), numbers, entries);
+    let palette = palette::fit(&vectors, &weights(model, order), numbers, entries(model.len(), precision));
+    (vectors, palette)
+}
+
+/// Bands 1 and up: the palette's texture, the labels' texture and their entry of `meta.json`.
+fn rest_bands(model: &Gaussians, order: &[u32], precision: &SogPrecision) -> (Texture, Texture, Value) {
+    let per_entry = (model.degree() + 1).pow(2) - 1;
+    let (_, palette) = fitted(model, order, precision);
     let book = Book::dense(palette.values.iter().copied(), precision.sh);
     let texel = |rgb: &[f32]| [book.byte(rgb[0]), book.byte(rgb[1]), book.byte(rgb[2]), 255];
     let centroids = Texture {
@@ -151,7 +179,7 @@ fn rest_bands(model: &Gaussians, order: &[u32], precision: &SogPrecision) -> (Te
         texels: palette.labels.iter().map(label).collect(),
     };
     let entry = json!({
-        "count": palette.values.len() / numbers,
+        "count": palette.values.len() / (3 * per_entry),
         "bands": model.degree(),
         "codebook": book.json(),
         "files": ["shN_centroids.webp", "shN_labels.webp"],

@@ -83,7 +83,7 @@ pub(in super::super) fn read_bundle(bytes: &[u8]) -> Result<Parsed, Fault> {
     let names = archive.file_names().filter_map(Result::ok);
     let metas = names.filter(|name| name == "meta.json" || name.ends_with("/meta.json"));
     let Some(meta) = metas.min_by_key(|name| name.len()).map(Cow::into_owned) else {
-        let what = "holds no meta.json, so no SOG; if it is a capture, unpack it and give its folder";
+        let what = "holds no meta.json, so no SOG; if it is a checkpoint of PyTorch, export a PLY with the program that trained it; if it is a capture, unpack it and give its folder";
         return Err(malformed("zip archive", what));
     };
     let prefix = meta.trim_end_matches("meta.json").to_owned();

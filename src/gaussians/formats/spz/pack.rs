@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::super::axes::{RIGHT_DOWN_FRONT, RIGHT_UP_BACK, convert};
 use super::super::bytes::to_smallest_three;
 use super::super::fault::Fault;
-use super::super::weight::weight;
+use super::super::weight::{FAINT, colour_change};
 use super::super::{Gaussians, Ladder, Precision, RenderMode, SpzPrecision, SpzVersion};
 use super::{COLOUR_SCALE, FLAG_ANTIALIASED, HEADER, MAGIC};
 use crate::scene::median;
@@ -24,10 +24,6 @@ const DEFAULT_FRACTIONAL_BITS: i32 = 12;
 const MAX_FRACTIONAL_BITS: i32 = 30;
 /// Level 19 makes files 2 to 3 % smaller than level 9, in ten times the time.
 const ZSTD_LEVEL: i32 = 12;
-
-/// Change of the colours of single Gaussians, with white as 1, that pictures show with 44 dB or more: those of flowers and playbot have
-/// 13 to 15 dB more than this number says, because neighbours are rounded up and down.
-const FAINT: f64 = 0.028;
 
 /// Packs a consistent model as version 3 or 4; fails where its means do not fit 24 bits finely enough.
 pub(in super::super) fn pack(
@@ -145,27 +141,19 @@ pub(in super::super) fn usual(model: &Gaussians, ladder: &Ladder) -> Precision {
     ladder.coarse().find(fine).unwrap_or(ladder.finest()).with_all_means()
 }
 
-/// Root mean square by which rounding SH to these bits changes the colours of Gaussians: over all directions and over the Gaussians,
-/// as far as pictures show them.
+/// The change of Gaussians' colours by rounding SH to these bits.
 fn change(model: &Gaussians, precision: SpzPrecision) -> f64 {
-    let (mut squares, mut weights) = (0.0, 0.0);
-    for i in 0..model.len() {
-        let weight = weight(model, i);
-        let mut own = 0.0;
+    colour_change(model, |i| {
+        let mut square = 0.0;
         for (l, band) in model.sh.iter().enumerate().skip(1) {
             let (width, bucket) = (Gaussians::band_width(l), precision.bucket(l));
             for &value in &band[i * width..(i + 1) * width] {
                 let stored = (f32::from(quantise_sh(value, bucket)) - 128.0) / 128.0;
-                own += f64::from(value - stored).powi(2);
+                square += f64::from(value - stored).powi(2);
             }
         }
-        if own.is_finite() {
-            squares += weight * own;
-            weights += weight;
-        }
-    }
-    // Basis functions have unit norm over the sphere; three colours.
-    if weights > 0.0 { (squares / weights / (12.0 * std::f64::consts::PI)).sqrt() } else { 0.0 }
+        square
+    })
 }
 
 fn byte(value: f32) -> u8 {

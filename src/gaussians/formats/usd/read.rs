@@ -23,8 +23,15 @@ const HIDDEN: &str =
 /// Units of length that are read, in metres.
 const UNITS: RangeInclusive<f64> = 1e-20..=1e20;
 
-/// Gaussians, their tag, and the map from their axes to those of the scope that they are in.
-type Part = (Gaussians, Tag, DAffine3);
+/// The Gaussians of a prim.
+struct Part {
+    gaussians: Gaussians,
+    tag: Tag,
+    /// The map from their axes to those of the scope that they are in, or to the layer's.
+    map: DAffine3,
+    /// True if the map leads to the layer's axes.
+    reset: bool,
+}
 
 /// Metadata of a prim or of the layer.
 #[derive(Default)]
@@ -64,6 +71,9 @@ impl Scope {
         if let Some(array) = array {
             array.sampled = true;
         }
+        if name.starts_with(b"xformOp:") {
+            self.transform.sample(name);
+        }
         if counts {
             self.sampled.push(String::from_utf8_lossy(name).into_owned());
         }
@@ -94,12 +104,15 @@ pub(in super::super) fn read(text: &[u8]) -> Result<Parsed, Fault> {
     let metres = unit.filter(|unit| UNITS.contains(unit)).unwrap_or(1.0);
     let in_metres = DAffine3::from_scale(DVec3::splat(metres)) * upright;
     let (mut model, mut tags, mut origin) = (None, Vec::new(), None);
-    for (mut part, tag, map) in parts {
-        tags.push(tag.or(&of_layer));
-        place(&mut part, &(in_metres * map), &mut origin, "a prim")?;
+    for Part { mut gaussians, tag, map, .. } in parts {
+        let mut tag = tag.or(&of_layer);
+        if let Some(doubt) = place(&mut gaussians, &(in_metres * map), &mut origin, "a prim")? {
+            tag.add_doubt(doubt);
+        }
+        tags.push(tag);
         match &mut model {
-            None => model = Some(part),
-            Some(model) => model.append(&part),
+            None => model = Some(gaussians),
+            Some(model) => model.append(&gaussians),
         }
     }
     let Some(mut model) = model else {
@@ -170,8 +183,8 @@ impl Reader<'_> {
                     }
                     let doubt = scope.doubt();
                     if let Some(arrays) = scope.splats {
-                        let (part, tag) = gaussians(arrays, &scope.name)?;
-                        scope.parts.push((part, tag, DAffine3::IDENTITY));
+                        let (gaussians, tag) = gaussians(arrays, &scope.name)?;
+                        scope.parts.push(Part { gaussians, tag, map: DAffine3::IDENTITY, reset: false });
                     }
                     if scope.value && !scope.parts.is_empty() {
                         return Err(Fault::Unsupported(
@@ -179,12 +192,16 @@ impl Reader<'_> {
                         ));
                     }
                     let around = scopes.last_mut().map_or(&mut self.parts, |scope| &mut scope.parts);
-                    for (part, tag, map) in scope.parts {
-                        let mut tag = tag.or(&scope.tag);
+                    for mut part in scope.parts {
+                        part.tag = part.tag.or(&scope.tag);
                         if let Some(doubt) = &doubt {
-                            tag.add_doubt(doubt.clone());
+                            part.tag.add_doubt(doubt.clone());
                         }
-                        around.push((part, tag, scope.transform.map()? * map));
+                        if !part.reset {
+                            part.map = scope.transform.map()? * part.map;
+                            part.reset = scope.transform.resets();
+                        }
+                        around.push(part);
                     }
                 }
                 _ => self.statement(&mut scopes)?,
@@ -229,6 +246,9 @@ impl Reader<'_> {
                 Some(b'(' | b'{' | b'}') | None => break,
                 Some(_) => name = self.scan.word().unwrap_or_default(),
             }
+        }
+        if let Some(scope) = scopes.last_mut().filter(|_| name.starts_with(b"xformOp:")) {
+            scope.transform.declare(name);
         }
         Ok(())
     }
@@ -278,9 +298,13 @@ impl Reader<'_> {
             scope.transform.operations.insert(name.to_owned(), self.scan.numbers()?);
             return Ok(());
         }
+        let is_none = first == b'N';
+        if let Some(scope) = scopes.last_mut().filter(|_| name.starts_with(b"xformOp:") && is_none) {
+            scope.transform.declare(name);
+        }
         let Some(arrays) = scopes.last_mut().and_then(|scope| scope.splats.as_mut()) else { return self.scan.pass() };
-        if first == b'N' {
-            return self.scan.pass(); // None
+        if is_none {
+            return self.scan.pass();
         }
         if name == b"radiance:sphericalHarmonicsDegree" {
             arrays.degree = self.scan.numbers()?.first().copied();

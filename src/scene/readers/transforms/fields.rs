@@ -60,6 +60,16 @@ fn is_unsaid(matrix: &Value) -> bool {
     matrix.is_null() || matrix.as_array().is_some_and(Vec::is_empty)
 }
 
+/// The fault of a file that has no list of frames.
+pub(super) fn without_frames(json: &Value) -> &'static str {
+    if json.get(0).is_some_and(|pose| pose.get("transform").is_some()) {
+        "is a list of poses, as nerfstudio's `ns-export cameras` writes it, in the world of a model: give the capture that the model was \
+         trained on"
+    } else {
+        "has no list \"frames\"; is this a transforms file?"
+    }
+}
+
 /// Refuses frames that have names, and of which none has a field of a pose.
 pub(super) fn with_matrices<'a>(mut frames: impl Iterator<Item = &'a Value> + Clone) -> Result<(), String> {
     let lacks = |frame: &Value, name: &str| frame.get(name).is_none();

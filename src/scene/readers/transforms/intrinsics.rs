@@ -54,14 +54,11 @@ const NEAR_MIDDLE: f64 = 0.1;
 const CLEARLY: f64 = 0.05;
 
 /// Models whose parameters have no names in these files.
-const UNNAMED: [LensModel; 6] = [
-    LensModel::ThinPrismFisheye,
-    LensModel::RadTanThinPrismFisheye,
-    LensModel::Fov,
-    LensModel::SimpleDivision,
-    LensModel::Division,
-    LensModel::Eucm,
-];
+const UNNAMED: [LensModel; 5] =
+    [LensModel::ThinPrismFisheye, LensModel::Fov, LensModel::SimpleDivision, LensModel::Division, LensModel::Eucm];
+
+/// Project Aria's name of COLMAP's `RAD_TAN_THIN_PRISM_FISHEYE`, which nerfstudio writes.
+const FISHEYE624: &str = "FISHEYE624";
 
 impl Intrinsics {
     /// The intrinsics that a file or a frame gives, under the usual names.
@@ -178,25 +175,33 @@ impl Intrinsics {
             return Ok(if self.is_fisheye == Some(true) { LensModel::OpenCvFisheye } else { LensModel::OpenCv });
         };
         let upper = name.to_uppercase();
-        if upper == "PERSPECTIVE" {
-            return Ok(LensModel::OpenCv);
+        match upper.as_str() {
+            "PERSPECTIVE" => return Ok(LensModel::OpenCv),
+            FISHEYE624 => return Ok(LensModel::RadTanThinPrismFisheye),
+            _ => {}
         }
         let known = LensModel::ALL.into_iter().filter(|model| !UNNAMED.contains(model));
         let found = known.clone().find(|model| model.name() == upper);
         found.ok_or_else(|| LensModel::unsupported(name, known))
     }
 
-    /// The lens of this model on a photo of `width` x `height` pixels; the fault is a sentence.
-    pub fn lens(&self, model: LensModel, width: u32, height: u32) -> Result<Lens, String> {
-        if let Some(other) = self.distortion_params.as_ref().filter(|numbers| !matches!(numbers.len(), 0 | 6)) {
-            let (count, names) = (other.len(), "k1, k2, k3, k4, p1 and p2");
-            let what =
-                format!("its distortion_params has {count} numbers, not the six {names}: write them under these names");
-            return Err(what);
+    /// The distortion of a lens of this model; the fault is a sentence.
+    fn distortion(&self, model: LensModel) -> Result<Distortion, String> {
+        let listed = self.distortion_params.as_deref().unwrap_or_default();
+        let count = listed.len();
+        if model == LensModel::RadTanThinPrismFisheye {
+            let (&[radial, after], []) = listed.as_chunks::<6>() else {
+                return Err(format!(
+                    "its distortion_params has {count} numbers, not the twelve of {FISHEYE624} ({}): k0 to k5, p0, p1 and s0 to s3",
+                    model.name()
+                ));
+            };
+            return Ok(Distortion { curve: Curve::Angle, radial, after, ..Distortion::default() });
         }
-        if model == LensModel::Equirectangular {
-            // All directions, whatever focal length is given.
-            return Lens::panorama(width.into(), height.into());
+        if !matches!(count, 0 | 6) {
+            return Err(format!(
+                "its distortion_params has {count} numbers, not the six k1, k2, k3, k4, p1 and p2: write them under these names"
+            ));
         }
         let curve = if model.is_fisheye() { Curve::Angle } else { Curve::Straight };
         let k = [self.k1, self.k2, self.k3, self.k4, self.k5, self.k6].map(|k| k.unwrap_or(0.0));
@@ -206,7 +211,16 @@ impl Intrinsics {
             ([k[0], k[1], k[2], k[3], 0.0, 0.0], [0.0; 3])
         };
         let tangential = if model.is_fisheye() { [0.0; 2] } else { [self.p1, self.p2].map(|p| p.unwrap_or(0.0)) };
-        let distortion = Distortion { curve, radial, denominator, tangential, ..Distortion::default() };
+        Ok(Distortion { curve, radial, denominator, tangential, ..Distortion::default() })
+    }
+
+    /// The lens of this model on a photo of `width` x `height` pixels; the fault is a sentence.
+    pub fn lens(&self, model: LensModel, width: u32, height: u32) -> Result<Lens, String> {
+        let distortion = self.distortion(model)?;
+        if model == LensModel::Equirectangular {
+            // All directions, whatever focal length is given.
+            return Lens::panorama(width.into(), height.into());
+        }
         let size = DVec2::new(f64::from(width), f64::from(height));
         for angle in [self.camera_angle_x, self.camera_angle_y].into_iter().flatten() {
             if !(angle > 0.0 && angle < PI) {

@@ -25,7 +25,7 @@ use crate::scene::lens::Lens;
 use crate::scene::view::{Role, View};
 use crate::scene::{Error, Names, OpenOptions, SceneKind, Skipped};
 use crate::wording::counted;
-use fields::{Frame, Whole, fields, movement, name_of, with_matrices, without_nan};
+use fields::{Frame, Whole, fields, movement, name_of, with_matrices, without_frames, without_nan};
 use intrinsics::Intrinsics;
 
 /// Difference of a side from that of eight times its smaller copy.
@@ -146,7 +146,7 @@ impl Reader {
             .or_else(|_| serde_json::from_str(&without_nan(&text)))
             .map_err(|e| Error::malformed(path, format!("line {}", e.line()), format!("is not JSON: {e}")))?;
         let Some(frames) = json.get("frames").and_then(Value::as_array) else {
-            return Err(Error::malformed(path, "the top level", "has no list \"frames\"; is this a transforms file?"));
+            return Err(Error::malformed(path, "the top level", without_frames(&json)));
         };
         let top = |what: String| Error::malformed(path, "the top level", what);
         let common = Intrinsics::of(&json).map_err(top)?;
