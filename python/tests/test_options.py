@@ -135,7 +135,7 @@ def test_options_of_the_program_are_arguments(ring, scene, tmp_path):
             qirf_vk.compress(ring, size=size)
     with pytest.raises(ValueError, match='size and psnr need selector="pairs"'):
         qirf_vk.compress(ring, size="50kB", selector="opacity", **small)
-    with pytest.raises(ValueError, match="9 views; lower least"):
+    with pytest.raises(ValueError, match="9 photos; lower least"):
         ring.crop_views(scene, least=100)
 
     def ends(step):

@@ -335,7 +335,7 @@ def test_scenes_crop_and_clean_as_the_program_does(scene, trained, tmp_path):
     ]:
         model.save(tmp_path / "python.ply")
         assert (tmp_path / "python.ply").read_bytes() == edited(*options), options
-    with pytest.raises(ValueError, match="at least 100 views: .* has 9 views"):
+    with pytest.raises(ValueError, match="at least 100 photos: .* has 9 photos"):
         trained.model.crop_views(scene, least=100)
     with pytest.raises(ValueError, match="scene is for kind"):
         trained.model.remove("needles", scene=scene)
