@@ -11,6 +11,7 @@ use super::{Global, check_file};
 use crate::extension::{folder_of, has_extension};
 use crate::gaussians::Gaussians;
 use crate::gaussians::formats::{self, Loaded, Precision, SpzPrecision, SpzVersion};
+use crate::job::output::make_place;
 use crate::job::records::Aim;
 use crate::job::{Error, Session};
 use crate::metrics::Networks;
@@ -120,9 +121,7 @@ impl Arguments {
         }
         let mut loaded = self.placed(read_model(&self.input, console)?, console);
         if self.lod.is_some() {
-            let folder = folder_of(&self.output);
-            fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
-            check_file(&self.output)?;
+            make_place(&self.output)?;
         }
         let style = self.rendering.style(&self.input, &loaded, None, console);
         loaded.mode = style.mode();

@@ -5,10 +5,11 @@ use super::inspect::{open_scene, read_model};
 use super::show::Show;
 use super::style;
 use super::values;
-use super::{Global, check_file, check_no_run};
-use crate::extension::{folder_of, has_extension};
+use super::{Global, check_no_run};
+use crate::extension::has_extension;
 use crate::gaussians::Gaussians;
 use crate::gaussians::outline::outline;
+use crate::job::output::make_place;
 use crate::job::{Error, Session};
 use crate::metrics::Networks;
 use crate::pipeline::depth;
@@ -24,7 +25,6 @@ use crate::scene::{OpenOptions, Resize, Scene, near_at, walk};
 use crate::wording::counted;
 use clap::ArgGroup;
 use glam::DVec3;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Frames of a path, unless told otherwise.
@@ -157,9 +157,7 @@ impl Arguments {
             refuse_photo_folders(scene, shots.iter().map(|shot| &shot.path))?;
         }
         if self.panorama {
-            let folder = folder_of(&self.output);
-            fs::create_dir_all(folder).map_err(|source| Error::Write { path: folder.to_owned(), source })?;
-            check_file(&self.output)?;
+            make_place(&self.output)?;
         }
         let device = global.open()?;
         let (networks, watcher) = (Networks::default(), Show::new(console));

@@ -3,7 +3,7 @@
 use super::training_set::Thumbnail;
 use crate::sample::evenly;
 use crate::scene::camera::Camera;
-use crate::scene::{self, Point, Reading, Scene, median};
+use crate::scene::{Front, Point, Reading, Scene, fronts, median};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -181,7 +181,10 @@ impl<'a> Sights<'a> {
             };
             sight.seen.iter().filter_map(place).collect()
         } else {
-            in_front(&camera, &self.points).into_iter().map(|front| (front.point, front.place)).collect()
+            fronts(&camera, self.points.len(), |k| self.points[k].position)
+                .into_iter()
+                .map(|front| (front.point, front.place))
+                .collect()
         };
         let look = |(point, place): (usize, DVec2)| {
             let at = (flip * (place / size(&camera) - 0.5) + 0.5) * size(&photo.camera);
@@ -226,7 +229,7 @@ impl<'a> Sights<'a> {
     /// drawn by lot.
     pub fn smoothness(&self) -> f64 {
         let of = |sight: &Sight<'_>| {
-            let mut front = in_front(&sight.thumbnail.camera, &self.points);
+            let mut front = fronts(&sight.thumbnail.camera, self.points.len(), |k| self.points[k].position);
             front.sort_by_key(|front| front.cell);
             let bright = |front: &Front| self.points[front.point].colour.iter().map(|c| f64::from(*c)).sum::<f64>();
             let neighbours = front.windows(2).filter(|pair| pair[0].cell == pair[1].cell);
@@ -247,27 +250,6 @@ fn reread(camera: &Camera, reading: Reading, origin: DVec3) -> Camera {
     let given = camera.relative_to(-origin);
     let (rotation, translation) = reading.pose((given.rotation, given.translation));
     Camera { rotation, translation, ..given }.relative_to(origin)
-}
-
-/// A point that no other one hides: its index, its place in the picture in pixels, and its cell there.
-pub(super) struct Front {
-    pub point: usize,
-    place: DVec2,
-    cell: usize,
-}
-
-/// The points in a picture that are not far behind the nearest ones around them.
-pub(super) fn in_front(camera: &Camera, points: &[&Point]) -> Vec<Front> {
-    let size = size(camera);
-    let shown = |(i, point): (usize, &&Point)| {
-        let p = camera.rotation * point.position + camera.translation;
-        let place = camera.project(p);
-        let inside = p.z > 0.0 && place.cmpge(DVec2::ZERO).all() && place.cmplt(size).all();
-        inside.then_some((i, (place, p.z)))
-    };
-    let (numbers, shown): (Vec<usize>, Vec<(DVec2, f64)>) = points.iter().enumerate().filter_map(shown).unzip();
-    let front = numbers.into_iter().zip(&shown).zip(scene::in_front(&shown, size));
-    front.filter_map(|((point, (place, _)), cell)| Some(Front { point, place: *place, cell: cell? })).collect()
 }
 
 /// The median of colours, by channel.
@@ -331,19 +313,5 @@ mod tests {
         assert!(with(&brighter).is_some_and(|r| (r - 1.0).abs() < 1e-12));
         assert!(with(&negative).is_some_and(|r| (r + 1.0).abs() < 1e-12));
         assert_eq!(with(&constant), None);
-    }
-
-    /// Of two walls, one behind the other, the front one is seen.
-    #[test]
-    fn what_lies_behind_other_points_is_hidden() {
-        let point = |k: u32| {
-            let (x, y, depth) = (k % 20, k / 20 % 20, if k < 400 { 4.0 } else { 6.0 });
-            let position = DVec3::new(f64::from(x) * 0.1 - 0.95, f64::from(y) * 0.1 - 0.95, 1.0) * depth;
-            Point { position, normal: None, colour: [0; 3], error: 0.0, track: Vec::new() }
-        };
-        let points: Vec<Point> = (0..800).map(point).collect();
-        let camera = Camera::look_at(DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 2.0, 64, 48);
-        let front = in_front(&camera, &points.iter().collect::<Vec<_>>());
-        assert!(front.iter().map(|front| front.point).eq(0..400), "{}", front.len());
     }
 }

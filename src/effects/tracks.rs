@@ -1,9 +1,9 @@
 //! Colours of the reconstruction's points in the photos that see them.
 
-use super::sights::{Front, PAIRS, PROJECTED, in_front};
+use super::sights::{PAIRS, PROJECTED};
 use super::training_set::{Thumbnail, TrainingSet};
 use crate::sample::evenly;
-use crate::scene::Point;
+use crate::scene::{Front, Point, fronts};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -35,7 +35,7 @@ pub fn projected(set: &TrainingSet<'_>) -> Vec<Vec<Observation>> {
         evenly(&set.scene.points, (PAIRS / set.photos.len().max(1)).clamp(PROJECTED.0, PROJECTED.1)).collect();
     let mut by_point: Vec<Vec<Observation>> = vec![Vec::new(); points.len()];
     let looks = |(photo, thumbnail): (usize, &Thumbnail)| {
-        let seen = in_front(&thumbnail.camera, &points).into_iter();
+        let seen = fronts(&thumbnail.camera, points.len(), |k| points[k].position).into_iter();
         let look = |front: Front| Some((front.point, observe(photo, thumbnail, points[front.point].position)?));
         seen.filter_map(look).collect::<Vec<_>>()
     };

@@ -1,5 +1,6 @@
 //! Paths of a job's files, and the lock of their folder.
 
+use crate::extension::folder_of;
 use crate::gaussians::formats;
 use crate::job::{Error, Init};
 use crate::lock::{Attempt, attempt};
@@ -119,6 +120,15 @@ pub fn check_file(file: &Path) -> Result<(), Error> {
         return Err(Error::Usage(format!("{} is a folder; name a file", file.display())));
     }
     formats::check_place(file).map_err(Error::writing)
+}
+
+/// Makes the folder of a file, and checks the file as [`check_file`] does.
+///
+/// # Errors
+/// Those of [`check_file`]; [`Error::Write`] for a folder that cannot be made.
+pub fn make_place(file: &Path) -> Result<(), Error> {
+    create(folder_of(file))?;
+    check_file(file)
 }
 
 /// Refuses the folder of a comparison, and another run's folder of pictures, for a run.

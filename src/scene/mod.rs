@@ -43,7 +43,9 @@ use crate::wording::counted;
 pub use decode::{ALPHA_SHARE, LoadOptions, PhotoMemory, alpha_role, load_photos};
 pub use error::Error;
 pub use exif::CameraKind;
+#[cfg(feature = "pipeline")]
 pub(crate) use front::in_front;
+pub(crate) use front::{Front, fronts};
 #[cfg(feature = "pose")]
 pub(crate) use image_file::in_eight_bits;
 pub use loaded::LoadedPhotos;

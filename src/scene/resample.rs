@@ -246,7 +246,8 @@ fn cubic<const C: usize>(source: &Raster<C>, at: Vec2, alpha: bool, closed: bool
     for (j, down) in (-2..).zip(weights[1]) {
         let row = first.y as i64 + j;
         let beyond = closed && !(0..height).contains(&row);
-        let row = if beyond { if row < 0 { -1 - row } else { 2 * height - 1 - row } } else { row }.clamp(0, height - 1);
+        let mirrored = if row < 0 { -1 - row } else { 2 * height - 1 - row };
+        let row = if beyond { mirrored } else { row }.clamp(0, height - 1);
         for (i, along) in (-2..).zip(weights[0]) {
             let column = first.x as i64 + i + if beyond { width / 2 } else { 0 };
             let column = if closed { column.rem_euclid(width) } else { column.clamp(0, width - 1) };

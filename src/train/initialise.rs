@@ -6,7 +6,7 @@ use crate::kernels::constants::sh::float64::SH_C0;
 use crate::random::uniform;
 use crate::render::Settings;
 use crate::scene::camera::Camera;
-use crate::scene::{Neighbours, ONE_PLACE, Photo, Point, Scene, USUAL_DISTANCE, in_front, median};
+use crate::scene::{Front, Neighbours, ONE_PLACE, Photo, Point, Scene, USUAL_DISTANCE, fronts, median};
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 use std::io;
@@ -114,23 +114,14 @@ type Look = (usize, [u8; 3]);
 
 /// The points in a photo that no other one hides, where it is opaque.
 fn looks(photo: &Photo, points: &[Seed]) -> io::Result<Vec<Look>> {
-    let camera = &photo.camera;
-    let (width, size) = (camera.width as usize, DVec2::new(f64::from(camera.width), f64::from(camera.height)));
-    let at = |(i, point): (usize, &Seed)| {
-        let p = camera.rotation * point.position + camera.translation;
-        let place = camera.project(p);
-        let inside = p.z > 0.0 && place.cmpge(DVec2::ZERO).all() && place.cmplt(size).all();
-        inside.then_some((i, (place, p.z)))
-    };
-    let inside: Vec<_> = points.par_iter().enumerate().filter_map(at).collect();
-    let (numbers, places): (Vec<usize>, Vec<(DVec2, f64)>) = inside.into_iter().unzip();
-    let pixels = photo.pixels.read()?;
-    let look = |((i, (place, _)), cell): ((usize, &(DVec2, f64)), Option<usize>)| {
+    let (width, pixels) = (photo.camera.width as usize, photo.pixels.read()?);
+    let look = |Front { point, place, .. }: Front| {
         let pixel = 4 * (place.y as usize * width + place.x as usize);
         let [r, g, b, fourth] = *pixels.get(pixel..)?.first_chunk::<4>()?;
-        (cell.is_some() && fourth >= OPAQUE).then_some((i, [r, g, b]))
+        (fourth >= OPAQUE).then_some((point, [r, g, b]))
     };
-    Ok(numbers.into_iter().zip(&places).zip(in_front(&places, size)).filter_map(look).collect())
+    let shown = fronts(&photo.camera, points.len(), |k| points[k].position);
+    Ok(shown.into_iter().filter_map(look).collect())
 }
 
 /// Gaussians of [`from_points_in`], in a scene of usual size.
