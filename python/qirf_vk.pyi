@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 __version__: str
 __all__ = [
-    "__version__", "DeviceError", "Model", "Device", "Camera", "Renderer", "Run", "merge",
-    "train", "compress", "evaluate", "orbit", "_model", "_camera",
+    "__version__", "DeviceError", "Model", "Device", "Camera", "View", "Renderer", "Run", "merge",
+    "train", "compress", "evaluate", "orbit", "cameras", "_model", "_camera",
 ]
 
 _Path = Union[str, bytes, PathLike[str], PathLike[bytes]]
@@ -23,8 +23,8 @@ _Vector = Union[Sequence[float], NDArray[Any]]
 _Resolution = Union[int, str]
 _Size = Union[tuple[int, int], Sequence[int], NDArray[np.integer[Any]]]
 _Step = dict[str, Any]
-_OnStep = Callable[[_Step], None]
-_OnProgress = Callable[[str, int, int], None]
+_OnStep = Callable[[_Step], object]
+_OnProgress = Callable[[str, int, int], object]
 
 class DeviceError(RuntimeError):
     """A device that is missing, unsuitable or lost, or that computes wrong numbers."""
@@ -56,8 +56,12 @@ class Device:
 
 @final
 class Model:
-    """A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory. Models can be
-    pickled; copies are the model itself.
+    """A model of n Gaussians on the host, made by load, from_arrays and functions. It never changes: edits return new models. Arrays are
+    read-only views of its memory. Models can be pickled; copies are the model itself, and a model equals only itself.
+
+    A model of train, or loaded from beside a run's config.toml, remembers how its run draws and scores it: dilation, depth order, background and
+    exposures. Edits, compress and pickles keep that; Renderer, evaluate and compress use it for arguments that are None, as the program does,
+    and say so in the log.
     """
 
     @staticmethod
@@ -85,9 +89,13 @@ class Model:
         nested lists; L is 0 to 3; origin: see Model.origin.
         """
 
-    def save(self, path: _Path) -> None:
+    def save(self, path: _Path, *, sh_bits: Union[int, Sequence[int], None] = None, spz_version: int = 4) -> None:
         """Writes .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda or .usdz, completely or not at all; an origin is written to georeference.json
         beside it. A model without Gaussians is a ValueError, and so is the name of a run's own model, which its figures describe.
+
+        sh_bits: bits of SH coefficients in an SPZ, 1 to 8, or two numbers: of band 1, and of the others. By default they are the usual ones, not
+        chosen by pictures as `qirf-vk convert` does: compress(model, 1, output="x.spz") chooses them. spz_version: 4, or 3 for readers from
+        before 2026.
         """
 
     @property
@@ -149,7 +157,7 @@ class Model:
         self, scene: _Path, *, images: Optional[_Path] = None, least: int = 1, outside: bool = False
     ) -> Model:
         """Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others. images:
-        the folder of its photos, such as "images_4".
+        the folder of its photos, such as "images_4". Tells of the scene as cameras does.
         """
 
     def with_degree(self, degree: int) -> Model:
@@ -185,7 +193,8 @@ class Model:
 
 def merge(models: Sequence[Model]) -> Model:
     """Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model, unless another one's is
-    much nearer to all."""
+    much nearer to all. It remembers a run (see Model) if all remember the same.
+    """
 
 @final
 class Camera:
@@ -193,7 +202,8 @@ class Camera:
 
     K: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
     near: near plane, in world units along the camera's axis; closer Gaussians are not drawn. 0.2 by default, which small models need less of:
-    the cameras of `orbit` have one that fits. Cameras can be pickled.
+    the cameras of `orbit` and `cameras` have one that fits. For a model with an origin, world_to_camera counts from it, as the means do: of a
+    pose P in the world it is P with P[:3, 3] + P[:3, :3] @ origin. Cameras can be pickled; a camera equals only itself.
     """
 
     def __new__(cls, K: ArrayLike, world_to_camera: ArrayLike, size: _Size, *, near: Optional[float] = None) -> Camera: ...
@@ -245,12 +255,46 @@ def orbit(
     """Cameras on a circle around a model, those of `qirf-vk render --orbit`; fov is vertical, elevation above the horizon, in degrees."""
 
 @final
+class View:
+    """A view of a scene, made by cameras."""
+
+    @property
+    def name(self) -> str:
+        """The photo's name; that of a face of a panorama has the face before the extension."""
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the picture that is compared with the photo."""
+
+    @property
+    def held_out(self) -> bool:
+        """True if the photo is held out."""
+
+def cameras(
+    scene: _Path,
+    *,
+    resolution: Optional[_Resolution] = None,
+    images: Optional[_Path] = None,
+    eval_every: Optional[int] = None,
+) -> list[View]:
+    """The views of a scene that train and evaluate use, in the order of their names: Renderer(model).render(view.camera) is the picture that is
+    compared with the photo, before exposures, on the background of the scores.
+
+    resolution, images and eval_every: as in evaluate; eval_every=0 holds out none. Photos that do not exist or have another shape than their
+    camera are left out; photos are not decoded, so damaged ones, which train leaves out before the split, are among the views. UserWarnings
+    tell of what is left out, ignored or doubtful; the log, at INFO, of choices by which nothing is lost, such as the folder of the photos.
+
+    Cameras are ideal pinholes: distorted photos are resampled to them, panoramas and wide fisheyes are cut into faces with a view each. They
+    count from the scene's local origin, where it has one, as the model of a run on it does (Model.origin), and have the scene's near plane.
+    """
+
+@final
 class Renderer:
     """Draws pictures of one model, in parts if the device cannot hold it.
 
-    background: red, green and blue in [0, 1]. antialias, dilation (in square pixels) and depth_order: as in `qirf-vk render`; by default
-    anti-aliased if the model is, with a dilation of 0.1 then and of 0.3 otherwise. A renderer keeps the model on the device, so use one
-    renderer for many pictures.
+    background: red, green and blue in [0, 1]. antialias, dilation (in square pixels) and depth_order: as in `qirf-vk render`; by default as in
+    the model's run (see Model), else black, and anti-aliased if the model is, with a dilation of 0.1 then and of 0.3 otherwise. Cameras count
+    from the model's origin, as its means do. A renderer keeps the model on the device, so use one renderer for many pictures.
     """
 
     def __new__(
@@ -258,10 +302,10 @@ class Renderer:
         model: Model,
         device: Optional[Device] = None,
         *,
-        background: _Vector = (0.0, 0.0, 0.0),
+        background: Optional[_Vector] = None,
         antialias: Optional[bool] = None,
         dilation: Optional[float] = None,
-        depth_order: bool = False,
+        depth_order: Optional[bool] = None,
     ) -> Renderer: ...
     @overload
     def render(
@@ -337,7 +381,7 @@ class Renderer:
 
 @final
 class Run:
-    """A finished run."""
+    """A finished run, made by train. It cannot be pickled: send its model, record and log."""
 
     @property
     def model(self) -> Model:
@@ -401,9 +445,12 @@ def compress(
     background: Optional[_Vector] = None,
     antialias: Optional[bool] = None,
     dilation: Optional[float] = None,
-    depth_order: bool = False,
-    exposure: bool = False,
+    depth_order: Optional[bool] = None,
+    exposure: Optional[bool] = None,
     selector: Optional[str] = None,
+    budget: Optional[str] = None,
+    detail: Optional[float] = None,
+    merge: Optional[bool] = None,
     fine_tune: int = 0,
     views: Optional[int] = None,
     picture_size: Optional[_Size] = None,
@@ -420,9 +467,10 @@ def compress(
 
     The result is compared with `views` pictures of the model itself, of picture_size (width, height), or with the photos of `scene`: those
     in its folder images, at a resolution such as 640 (pixels wide) or "/2", of which every eval_every-th is held out (8 by default).
-    background, antialias, dilation, depth_order and exposure: as in evaluate. selector: the rule that ranks Gaussians (docs/method.md);
-    fine_tune: iterations of training afterwards, left out if they make a file of a given size or psnr worse
-    (record["aim"]["fine_tuning"]).
+    background, antialias, dilation, depth_order and exposure: as in evaluate; without a scene the background is black unless given. selector:
+    the rule that ranks Gaussians (docs/method.md), "pairs" by default; the others also read budget ("per-block", "hybrid" or "global"),
+    detail (the share reserved for small detail) and merge (False drops Gaussians without merging them). fine_tune: iterations of training
+    afterwards, left out if they make a file of a given size or psnr worse (record["aim"]["fine_tuning"]).
 
     record["test"] has mean scores of held-out views: "pruned" and "written" (the file), with photos also "before", after tuning
     "fine_tuned"; each has psnr in dB, None where pictures are equal, and ssim. record["input"] and record["output"] have the bytes of the
@@ -440,8 +488,8 @@ def evaluate(
     background: Optional[_Vector] = None,
     antialias: Optional[bool] = None,
     dilation: Optional[float] = None,
-    depth_order: bool = False,
-    exposure: bool = False,
+    depth_order: Optional[bool] = None,
+    exposure: Optional[bool] = None,
     device: Optional[Device] = None,
     on_progress: Optional[_OnProgress] = None,
 ) -> dict[str, Any]:
@@ -450,7 +498,7 @@ def evaluate(
     images: the folder of the scene's photos, such as "images_4"; resolution: their size, such as 640 (pixels wide) or "/2". eval_every:
     every eval_every-th photo is held out, 8 by default. background: red, green and blue in [0, 1]. antialias, dilation and depth_order:
     as in Renderer, of both models where there are two; a UserWarning tells of models that are drawn differently. exposure: score with
-    exposures fitted to the photos, as runs with that effect do.
+    exposures fitted to the photos, as runs with that effect do. With a scene these are by default as in the model's run (see Model).
 
     The record's "test" has the means, "views" the scores of each view: psnr in dB, None where pictures are equal, ssim, and lpips_vgg,
     lpips_vgg_normalized and lpips_alex, which are None without weights ($QIRF_LPIPS: a file or folder made by tools/lpips-weights).
@@ -459,5 +507,11 @@ def evaluate(
     """
 
 # Pickles of models and cameras call these.
-def _model(arrays: tuple[Any, ...], antialiased: bool, origin: tuple[float, float, float]) -> Model: ...
+def _model(
+    arrays: tuple[Any, ...],
+    antialiased: bool,
+    origin: tuple[float, float, float],
+    run: dict[str, Any],
+    format: Optional[str],
+) -> Model: ...
 def _camera(k: ArrayLike, world_to_camera: ArrayLike, size: tuple[int, int], near: Optional[float]) -> Camera: ...

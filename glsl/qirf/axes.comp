@@ -20,7 +20,8 @@ layout(push_constant) uniform Push {
     float least;        // share of the largest scale to which the others are raised
 };
 
-const float LARGEST_LOG = 69; // e^69 is 2^99.5: 2 to the difference of two exponents is still a float
+/// Logarithm to which scales are clamped: e^69 is 2^99.5, so 2 to the difference of two exponents is still a float.
+const float LARGEST_LOG = 69.0;
 // ln 2 in two parts, the first with so few bits that its product with an exponent is exact.
 const float LN_2_HIGH = 0.693359375;
 const float LN_2_LOW = -2.1219444005469057e-4;

@@ -1,5 +1,6 @@
 """Trains a scene and draws the curve of its loss in the terminal: python train.py capture trained"""
 import sys
+from typing import Any
 
 import qirf_vk
 
@@ -7,7 +8,7 @@ if len(sys.argv) != 3:
     sys.exit(__doc__)
 
 
-def draw(step):
+def draw(step: dict[str, Any]) -> None:
     loss = step["loss"] or 0.0  # None where it is no number
     bar = "#" * round(200 * loss)
     psnr = f'  {step["psnr"]:.2f} dB' if "psnr" in step else ""

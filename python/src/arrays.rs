@@ -75,7 +75,12 @@ fn numbers<T: Element + Clone>(object: &Bound<'_, PyAny>, name: &str) -> PyResul
     let dtype = T::get_dtype(py);
     // ascontiguousarray would make an array of one of a number.
     let order = [("order", "C")].into_py_dict(py)?;
-    let array = numpy.call_method("asarray", (&given, &dtype), Some(&order)).map_err(|e| named(name, e, py))?;
+    // Infinities are looked for below.
+    let quiet = numpy.call_method("errstate", (), Some(&[("over", "ignore")].into_py_dict(py)?))?;
+    quiet.call_method0("__enter__")?;
+    let array = numpy.call_method("asarray", (&given, &dtype), Some(&order));
+    quiet.call_method1("__exit__", (py.None(), py.None(), py.None()))?;
+    let array = array.map_err(|e| named(name, e, py))?;
     if kind == b'f' && infinite(&given)? != infinite(&array)? {
         return Err(wrong(format!("{name} has numbers that are too large for {dtype}")));
     }

@@ -1,11 +1,14 @@
 //! Cameras.
 
-use crate::arrays::{four_rows, matrix, vector};
-use crate::errors::{size, views, whole, wrong};
+use crate::arrays::{Resolution, four_rows, matrix, vector};
+use crate::errors::{file, number, raised, size, some_file, some_whole, views, whole, wrong};
 use crate::fork::detached;
 use crate::model::Model;
+use crate::watch::tell_skipped;
 use engine::gaussians::outline::outline;
 use engine::glam::{DMat3, DVec2, DVec3};
+use engine::job::{Error, Selection};
+use engine::pipeline::prepare;
 use engine::render::Settings;
 use engine::scene::{
     camera, near_at,
@@ -15,12 +18,14 @@ use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
+use std::path::PathBuf;
 
 /// A pinhole camera with the axes of COLMAP and OpenCV: x right, y down, z forward; the centre of the first pixel is (0.5, 0.5).
 ///
 /// K: (3, 3) in pixels, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]. world_to_camera: (3, 4) or (4, 4). size: width and height in pixels.
 /// near: near plane, in world units along the camera's axis; closer Gaussians are not drawn. 0.2 by default, which small models need less of:
-/// the cameras of `orbit` have one that fits. Cameras can be pickled.
+/// the cameras of `orbit` and `cameras` have one that fits. For a model with an origin, world_to_camera counts from it, as the means do: of a
+/// pose P in the world it is P with P[:3, 3] + P[:3, :3] @ origin. Cameras can be pickled; a camera equals only itself.
 #[pyclass(frozen, weakref, module = "qirf_vk")]
 #[derive(Clone)]
 pub struct Camera {
@@ -236,4 +241,67 @@ pub fn orbit(
         (near_at(Settings::default().near, outline.framing(&look).distance), outline.cameras(count, &look))
     })?;
     cameras.into_iter().map(|camera| Camera::checked(camera, Some(f64::from(near)))).collect()
+}
+
+/// A view of a scene, made by cameras.
+#[pyclass(frozen, weakref, module = "qirf_vk")]
+pub struct View {
+    /// The photo's name; that of a face of a panorama has the face before the extension.
+    #[pyo3(get)]
+    name: String,
+    /// The camera of the picture that is compared with the photo.
+    #[pyo3(get)]
+    camera: Py<Camera>,
+    /// True if the photo is held out.
+    #[pyo3(get)]
+    held_out: bool,
+}
+
+#[pymethods]
+impl View {
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        let role = if self.held_out { "held out" } else { "trained on" };
+        Ok(format!("View({:?}, {}, {role})", self.name, self.camera.bind(py).repr()?))
+    }
+}
+
+/// The views of a scene that train and evaluate use, in the order of their names: Renderer(model).render(view.camera) is the picture that is
+/// compared with the photo, before exposures, on the background of the scores.
+///
+/// resolution, images and eval_every: as in evaluate; eval_every=0 holds out none. Photos that do not exist or have another shape than their
+/// camera are left out; photos are not decoded, so damaged ones, which train leaves out before the split, are among the views. UserWarnings
+/// tell of what is left out, ignored or doubtful; the log, at INFO, of choices by which nothing is lost, such as the folder of the photos.
+///
+/// Cameras are ideal pinholes: distorted photos are resampled to them, panoramas and wide fisheyes are cut into faces with a view each. They
+/// count from the scene's local origin, where it has one, as the model of a run on it does (Model.origin), and have the scene's near plane.
+#[pyfunction]
+#[pyo3(signature = (scene, *, resolution=None, images=None, eval_every=None))]
+pub fn cameras(
+    py: Python<'_>,
+    #[pyo3(from_py_with = file)] scene: PathBuf,
+    resolution: Option<Resolution>,
+    #[pyo3(from_py_with = some_file)] images: Option<PathBuf>,
+    #[pyo3(from_py_with = some_whole)] eval_every: Option<i64>,
+) -> PyResult<Vec<View>> {
+    let eval_every = eval_every.map(|every| number("eval_every", every, 0)).transpose()?;
+    let usual = Selection::of(scene.clone());
+    let (resolution, eval_every) = (resolution.map(|r| r.0), eval_every.unwrap_or(usual.eval_every));
+    let selection = Selection { images, resolution, eval_every, ..usual };
+    let found = detached(py, || {
+        let opened = prepare::open(&selection)?;
+        let cameras = opened.cameras();
+        Ok::<_, Error>((opened.scene, cameras))
+    })?;
+    let (opened, cameras) = found.map_err(raised)?;
+    tell_skipped(py, &scene, &opened.skipped)?;
+    let split = opened.split(selection.eval_every);
+    let mut views = Vec::new();
+    for (at, (view, camera)) in opened.views.into_iter().zip(cameras).enumerate() {
+        let held_out = split.test.binary_search(&at).is_ok();
+        if held_out || split.train.binary_search(&at).is_ok() {
+            let camera = Py::new(py, Camera::checked(camera, Some(opened.near.into()))?)?;
+            views.push(View { name: view.name, camera, held_out });
+        }
+    }
+    Ok(views)
 }

@@ -5,8 +5,9 @@ use crate::device::{Device, or_usual};
 use crate::errors::{file, given, number, raised, some_file, warn, whole, wrong};
 use crate::fork::detached;
 use crate::model::Model;
+use crate::of_run::OfRun;
 use crate::photos::Photos;
-use crate::watch::{Callbacks, followed};
+use crate::watch::{Callbacks, followed, tell_skipped};
 use crate::words::in_python;
 use engine::edit::{
     Edit, NEEDLE, Region, Similarity, Unwanted, common_origin, floater_warning, rounding, rounding_warning,
@@ -132,7 +133,7 @@ impl Model {
     }
 
     /// Keeps the Gaussians with their centre in the view of at least `least` of a scene's cameras, occluded or not, or the others. images:
-    /// the folder of its photos, such as "images_4".
+    /// the folder of its photos, such as "images_4". Tells of the scene as cameras does.
     #[pyo3(signature = (scene, *, images=None, least=1, outside=false))]
     fn crop_views(
         &self,
@@ -146,12 +147,10 @@ impl Model {
         let region = detached(py, || {
             let opened = Scene::open(&scene, &OpenOptions { images, ..OpenOptions::default() })?;
             let region = place::seen(&self.inner, self.origin, &opened, least)?;
-            Ok::<_, Error>((region, opened.skipped.summary()))
+            Ok::<_, Error>((region, opened.skipped))
         })?;
         let (region, skipped) = region.map_err(raised)?;
-        for line in skipped {
-            warn(py, &format!("{}: {line}", scene.display()))?;
-        }
+        tell_skipped(py, &scene, &skipped)?;
         self.cropped(py, Ok(region), outside)
     }
 
@@ -265,7 +264,7 @@ impl Model {
 }
 
 /// Concatenates models; SH bands that one lacks are zero. The result has the origin of the first model, unless another one's is
-/// much nearer to all.
+/// much nearer to all. It remembers a run (see Model) if all remember the same.
 #[pyfunction]
 pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     let models: Vec<&Model> = models.iter().map(Bound::get).collect();
@@ -288,5 +287,9 @@ pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     if let Some(step) = rounded {
         warn(py, &rounding_warning("a model lies far from the origin of the merged model", step))?;
     }
-    Ok(Model { origin, ..first.like(merged) })
+    let unplaced = models.iter().filter(|model| model.origin == [0.0; 3]);
+    let format = place::most_doubtful(unplaced.filter_map(|model| model.format));
+    let common = models.iter().all(|other| other.run == first.run);
+    let run = if common { first.run } else { OfRun::default() };
+    Ok(Model { origin, format, run, ..first.like(merged) })
 }

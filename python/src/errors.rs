@@ -1,6 +1,7 @@
 //! The engine's errors as Python's exceptions, with the engine's words in Python's terms.
 
 use crate::words::in_python;
+use engine::gaussians::formats::SpzPrecision;
 use engine::gpu;
 use engine::job::{Error, Exit, Relief};
 use engine::wording::{counted, file_size};
@@ -8,6 +9,7 @@ use pyo3::exceptions::{
     PyKeyboardInterrupt, PyMemoryError, PyOSError, PyOverflowError, PyRuntimeError, PyTypeError, PyValueError,
 };
 use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyByteArray, PyBytes};
 use std::error::Error as _;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -188,6 +190,24 @@ pub fn some_bytes(object: &Bound<'_, PyAny>) -> PyResult<Option<u64>> {
     };
     let form = "give a number of bytes, or a text such as \"5MB\", \"800kB\" or \"4.5MiB\"";
     file_size(&text).map(Some).map_err(|_| wrong(format!("size={text:?}: {form}")))
+}
+
+/// The argument `sh_bits`: one number for all bands of an SPZ, or that of band 1 and that of the others; or None.
+pub fn some_sh_bits(object: &Bound<'_, PyAny>) -> PyResult<Option<SpzPrecision>> {
+    if object.is_none() {
+        return Ok(None);
+    }
+    let is_bool = |item: &Bound<'_, PyAny>| item.is_instance_of::<PyBool>();
+    let holds_bool =
+        || object.try_iter().is_ok_and(|mut items| items.any(|item| item.is_ok_and(|item| is_bool(&item))));
+    let is_bytes = object.is_instance_of::<PyBytes>() || object.is_instance_of::<PyByteArray>();
+    let is_refused = is_bytes || is_bool(object) || holds_bool();
+    let both = object.extract::<u8>().map(|bits| [bits; 2]).or_else(|_| object.extract::<[u8; 2]>());
+    let within = both.ok().filter(|both| !is_refused && both.iter().all(|bits| (1..=8).contains(bits)));
+    let Some([first, others]) = within else {
+        return Err(wrong(format!("sh_bits={object}: give 1 to 8, or two of these, such as (6, 5)")));
+    };
+    Ok(Some(SpzPrecision { first, others, means: None }))
 }
 
 /// Warns, at the line of Python that called.

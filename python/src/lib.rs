@@ -12,6 +12,7 @@ mod errors;
 mod evaluate;
 mod fork;
 mod model;
+mod of_run;
 mod options;
 mod photos;
 mod render;
@@ -33,6 +34,7 @@ fn qirf_vk(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<model::Model>()?;
     module.add_class::<device::Device>()?;
     module.add_class::<camera::Camera>()?;
+    module.add_class::<camera::View>()?;
     module.add_class::<render::Renderer>()?;
     module.add_class::<train::Run>()?;
     module.add_function(wrap_pyfunction!(edit::merge, module)?)?;
@@ -40,6 +42,7 @@ fn qirf_vk(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(compress::compress, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(camera::orbit, module)?)?;
+    module.add_function(wrap_pyfunction!(camera::cameras, module)?)?;
     // Unpickling calls these.
     module.add_function(wrap_pyfunction!(model::unpickled, module)?)?;
     module.add_function(wrap_pyfunction!(camera::unpickled, module)?)?;

@@ -1,16 +1,17 @@
 //! Models.
 
 use crate::arrays::{borrowed, floats, rows, tuple, vector};
-use crate::errors::{file, raised, warn, wrong};
+use crate::errors::{file, given, raised, some_sh_bits, warn, whole, wrong};
 use crate::fork::detached;
+use crate::of_run::OfRun;
 use engine::edit::{reading_warnings, rounding, rounding_warning};
-use engine::gaussians::formats::{self, Loaded, Precision, RenderMode, SpzVersion};
+use engine::gaussians::formats::{self, Format, Loaded, Precision, RenderMode, SpzPrecision, SpzVersion};
 use engine::gaussians::{Gaussians, MAX_SH_DEGREE};
 use engine::glam::DVec3;
 use engine::job::Error;
 use engine::job::earlier::spare_model;
+use engine::pipeline::compress::fit::Target;
 use engine::pipeline::place::place;
-use engine::render::Style;
 use engine::wording::counted;
 use numpy::ndarray::{ArrayView, Dimension, IntoDimension};
 use numpy::{PyArray, PyArray1, PyArray2, PyArray3};
@@ -20,37 +21,45 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// A model of n Gaussians on the host. It never changes: edits return new models. Arrays are read-only views of its memory. Models can be
-/// pickled; copies are the model itself.
+/// A model of n Gaussians on the host, made by load, from_arrays and functions. It never changes: edits return new models. Arrays are
+/// read-only views of its memory. Models can be pickled; copies are the model itself, and a model equals only itself.
+///
+/// A model of train, or loaded from beside a run's config.toml, remembers how its run draws and scores it: dilation, depth order, background and
+/// exposures. Edits, compress and pickles keep that; Renderer, evaluate and compress use it for arguments that are None, as the program does,
+/// and say so in the log.
 #[pyclass(frozen, weakref, module = "qirf_vk")]
 pub struct Model {
     pub(crate) inner: Arc<Gaussians>,
     pub(crate) mode: RenderMode,
     pub(crate) origin: [f64; 3],
+    /// The format that it was read from; none for one from memory.
+    pub(crate) format: Option<Format>,
+    pub(crate) run: OfRun,
 }
 
+/// Gaussians, the place in the world from which their means count, and a warning.
+pub type Placed = (Gaussians, [f64; 3], Option<String>);
+
 impl Model {
+    /// A model that was read, of this run.
+    pub(crate) fn of_file(Loaded { gaussians, mode, origin, format, .. }: Loaded, run: OfRun) -> Self {
+        Self { inner: Arc::new(gaussians), mode, origin, format: Some(format), run }
+    }
+
     /// These Gaussians, drawn alike and in the same place of the world.
     pub(crate) fn like(&self, model: Gaussians) -> Self {
         Self { inner: Arc::new(model), ..*self }
     }
 
-    /// The style of its pictures: as it was trained, with these options instead.
-    pub(crate) fn style(&self, antialias: Option<bool>, dilation: Option<f32>, depth_order: bool) -> PyResult<Style> {
-        if let Some(dilation) = dilation.filter(|d| !(0.0..=100.0).contains(d)) {
-            return Err(wrong(format!("dilation={dilation}: give 0 to 100 square pixels")));
-        }
-        let usual = Style::of(self.mode);
-        Ok(Style { antialias: antialias.unwrap_or(usual.antialias), dilation, depth_order })
-    }
-
-    /// A copy of the Gaussians whose means count from where the coordinates of a scene with these photos do, and that place.
-    pub(crate) fn placed(&self, scene: Option<(&Path, Option<&Path>)>) -> Result<(Gaussians, [f64; 3]), Error> {
+    /// A copy of the Gaussians whose means count from where the coordinates of a scene with these photos do, that place, and a warning if its
+    /// own record of a place may be lost.
+    pub(crate) fn placed(&self, scene: Option<(&Path, Option<&Path>)>) -> Result<Placed, Error> {
         let (mut model, mut origin) = (Gaussians::clone(&self.inner), self.origin);
-        if let Some((scene, images)) = scene {
-            place(&mut model, &mut origin, scene, images)?;
-        }
-        Ok((model, origin))
+        let doubt = match scene {
+            Some((scene, images)) => place((&mut model, &mut origin), self.format, scene, images)?,
+            None => None,
+        };
+        Ok((model, origin, doubt.map(|doubt| format!("the model {doubt}"))))
     }
 
     pub(crate) fn ply(&self) -> Result<Vec<u8>, Error> {
@@ -82,12 +91,6 @@ impl Model {
     }
 }
 
-impl From<Loaded> for Model {
-    fn from(Loaded { gaussians, mode, origin, .. }: Loaded) -> Self {
-        Self { inner: Arc::new(gaussians), mode, origin }
-    }
-}
-
 /// The part of a record about a model in memory: it has no path.
 pub fn in_memory(model: &mut Value) {
     model["path"] = Value::Null;
@@ -103,12 +106,19 @@ pub fn warn_of(py: Python<'_>, loaded: &Loaded, path: &Path) -> PyResult<()> {
 
 /// The model that was pickled.
 #[pyfunction(name = "_model")]
-pub fn unpickled(arrays: &Bound<'_, PyTuple>, antialiased: bool, origin: [f64; 3]) -> PyResult<Model> {
+pub fn unpickled(
+    arrays: &Bound<'_, PyTuple>,
+    antialiased: bool,
+    origin: [f64; 3],
+    run: OfRun,
+    format: Option<&str>,
+) -> PyResult<Model> {
     let item = |at| arrays.get_item(at);
     let model = gathered(&item(0)?, &item(1)?, &item(2)?, &item(3)?, &item(4)?)?;
+    let format = Format::ALL.into_iter().find(|known| Some(known.name()) == format);
     // It was a model: edits may have led to Gaussians that cannot be drawn, and files of large ones are read.
     model.validate().map_err(|e| raised(Error::from(e)))?;
-    Ok(Model { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
+    Ok(Model { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin, format, run })
 }
 
 /// Gaussians of arrays, of which neither the values nor all of the lengths are checked.
@@ -182,7 +192,14 @@ impl Model {
     fn load(py: Python<'_>, #[pyo3(from_py_with = file)] path: PathBuf) -> PyResult<Self> {
         let loaded = detached(py, || formats::read(&path))?.map_err(|e| raised(Error::from(e)))?;
         warn_of(py, &loaded, &path)?;
-        Ok(loaded.into())
+        let run = match OfRun::beside(&path) {
+            Ok(run) => run,
+            Err(error) => {
+                warn(py, &format!("{error}; the style of rendering and exposures are not taken from it"))?;
+                OfRun::default()
+            }
+        };
+        Ok(Self::of_file(loaded, run))
     }
 
     /// Copies arrays, as float32; ValueError names the first Gaussian that cannot be drawn. A UserWarning tells of positions that float32
@@ -213,18 +230,44 @@ impl Model {
             let far = rounding_warning("the model lies far from its origin", step);
             warn(py, &format!("{far}; give means - c with origin=c, where c is a point among them"))?;
         }
-        Ok(Self { inner: Arc::new(model), mode: RenderMode::of(antialiased), origin })
+        let mode = RenderMode::of(antialiased);
+        Ok(Self { inner: Arc::new(model), mode, origin, format: None, run: OfRun::default() })
     }
 
     /// Writes .ply, .compressed.ply, .spz, .sog, .glb, .gltf, .usda or .usdz, completely or not at all; an origin is written to georeference.json
     /// beside it. A model without Gaussians is a ValueError, and so is the name of a run's own model, which its figures describe.
-    fn save(&self, py: Python<'_>, #[pyo3(from_py_with = file)] path: PathBuf) -> PyResult<()> {
+    ///
+    /// sh_bits: bits of SH coefficients in an SPZ, 1 to 8, or two numbers: of band 1, and of the others. By default they are the usual ones, not
+    /// chosen by pictures as `qirf-vk convert` does: compress(model, 1, output="x.spz") chooses them. spz_version: 4, or 3 for readers from
+    /// before 2026.
+    #[pyo3(signature = (path, *, sh_bits=None, spz_version=4))]
+    fn save(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = file)] path: PathBuf,
+        #[pyo3(from_py_with = some_sh_bits)] sh_bits: Option<SpzPrecision>,
+        #[pyo3(from_py_with = whole)] spz_version: i64,
+    ) -> PyResult<()> {
         if self.inner.is_empty() {
             return Err(wrong("the model has no Gaussian: nothing was written"));
         }
+        let spz = match spz_version {
+            3 => SpzVersion::Three,
+            4 => SpzVersion::Four,
+            other => return Err(wrong(format!("{}: give 3 or 4", given("spz_version", other)))),
+        };
+        let is_spz = formats::written_as(&path) == Some(Format::Spz);
+        if !is_spz && (sh_bits.is_some() || spz != SpzVersion::default()) {
+            return Err(wrong("sh_bits and spz_version are for SPZ: name an .spz file"));
+        }
         spare_model(&path).map_err(raised)?;
-        let written = detached(py, || formats::write_at(&path, &self.inner, self.mode, self.origin))?;
-        written.map_err(|e| raised(Error::writing(e)))?;
+        let written = detached(py, || {
+            let target = Target { spz, origin: self.origin, ..Target::new(&path) };
+            let precision = || sh_bits.map_or_else(|| formats::unmeasured(&path, &self.inner), Precision::Spz);
+            let packed = is_spz.then(|| target.pack(&self.inner, self.mode, precision())).transpose()?;
+            target.write(packed, &self.inner, self.mode)
+        })?;
+        written.map_err(raised)?;
         let colours = formats::clip_warning(&path, formats::clipped(&path, &self.inner));
         let sizes = formats::size_warning(&path, formats::outsized(&path, &self.inner));
         colours.into_iter().chain(sizes).try_for_each(|line| warn(py, &line))
@@ -292,8 +335,9 @@ impl Model {
             Self::opacity_logits(this)?,
             Self::sh(this)?,
         );
+        let format = model.format.map(Format::name);
         let make = py.import("qirf_vk")?.getattr("_model")?;
-        Ok((make, (arrays, model.antialiased(), model.origin()).into_pyobject(py)?))
+        Ok((make, (arrays, model.antialiased(), model.origin(), model.run, format).into_pyobject(py)?))
     }
 
     fn __copy__<'py>(this: &Bound<'py, Self>) -> Bound<'py, Self> {

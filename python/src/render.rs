@@ -21,9 +21,9 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 /// Draws pictures of one model, in parts if the device cannot hold it.
 ///
-/// background: red, green and blue in [0, 1]. antialias, dilation (in square pixels) and depth_order: as in `qirf-vk render`; by default
-/// anti-aliased if the model is, with a dilation of 0.1 then and of 0.3 otherwise. A renderer keeps the model on the device, so use one
-/// renderer for many pictures.
+/// background: red, green and blue in [0, 1]. antialias, dilation (in square pixels) and depth_order: as in `qirf-vk render`; by default as in
+/// the model's run (see Model), else black, and anti-aliased if the model is, with a dilation of 0.1 then and of 0.3 otherwise. Cameras count
+/// from the model's origin, as its means do. A renderer keeps the model on the device, so use one renderer for many pictures.
 #[pyclass(frozen, weakref, module = "qirf_vk")]
 pub struct Renderer {
     model: Arc<Gaussians>,
@@ -109,18 +109,18 @@ fn camera_of(
 impl Renderer {
     /// A renderer of `model` over a background colour.
     #[new]
-    #[pyo3(signature = (model, device=None, *, background=[0.0; 3], antialias=None, dilation=None, depth_order=false),
-        text_signature = "(model, device=None, *, background=(0.0, 0.0, 0.0), antialias=None, dilation=None, depth_order=False)")]
+    #[pyo3(signature = (model, device=None, *, background=None, antialias=None, dilation=None, depth_order=None))]
     fn new(
         py: Python<'_>,
         model: &Bound<'_, Model>,
         device: Option<&Bound<'_, Device>>,
-        background: [f32; 3],
+        background: Option<[f32; 3]>,
         antialias: Option<bool>,
         dilation: Option<f32>,
-        depth_order: bool,
+        depth_order: Option<bool>,
     ) -> PyResult<Self> {
-        let style = model.get().style(antialias, dilation, depth_order)?;
+        let style = model.get().style_of_run(py, antialias, dilation, depth_order)?;
+        let background = background.map_or_else(|| model.get().background(py), colour)?;
         let device = or_usual(py, device)?;
         let model = model.get().inner.clone();
         let resident = detached(py, || {
@@ -129,7 +129,7 @@ impl Renderer {
         });
         let resident = resident?.map_err(no_room)?;
         let there = Kept::new(OnDevice { device, resident, brushes: Mutex::default() });
-        Ok(Self { model, settings: style.over(colour(background)?), there })
+        Ok(Self { model, settings: style.over(background), there })
     }
 
     /// A picture (height, width, 4): red, green, blue over the background, and alpha. Pass a Camera, or K (3, 3), the pose

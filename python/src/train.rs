@@ -5,6 +5,7 @@ use crate::device::{Device, or_usual};
 use crate::errors::{file, raised, some_file, wrong};
 use crate::fork::detached;
 use crate::model::{Model, warn_of};
+use crate::of_run::OfRun;
 use crate::options::{configuration, from_model};
 use crate::watch::{Callbacks, followed};
 use engine::gaussians::formats::{self, RenderMode};
@@ -17,7 +18,7 @@ use pyo3::types::PyDict;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// A finished run.
+/// A finished run, made by train. It cannot be pickled: send its model, record and log.
 #[pyclass(frozen, weakref, module = "qirf_vk")]
 pub struct Run {
     /// The trained, pruned model.
@@ -107,7 +108,7 @@ fn job(
     let text = |path: PathBuf| std::fs::read_to_string(&path).map_err(|source| Error::Read { path, source });
     Ok(Left {
         record: text(output.metrics())?,
-        model: formats::read(&output.model())?.into(),
+        model: Model::of_file(formats::read(&output.model())?, OfRun::beside(&output.model())?),
         log: text(output.log())?,
     })
 }

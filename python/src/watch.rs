@@ -2,15 +2,17 @@
 //! the log, and looks for Ctrl-C.
 
 use crate::arrays::loads;
-use crate::errors::raised;
+use crate::errors::{raised, warn};
 use crate::fork;
 use crate::words::in_python;
 use engine::job::run_log::LogLine;
 use engine::job::{Error, Stage, Watcher};
+use engine::scene::Skipped;
 use engine::train::Progress;
 use pyo3::exceptions::{PyException, PyTypeError};
 use pyo3::prelude::*;
 use std::panic::resume_unwind;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -35,7 +37,8 @@ enum News {
     Progress(&'static str, usize, usize),
     /// A line of the log, as JSON.
     Step(String),
-    Note(String),
+    /// A line for the log, and its level.
+    Note(&'static str, String),
 }
 
 /// News, and what is dropped when Python has heard it.
@@ -111,7 +114,10 @@ impl Watcher for Reporter<'_> {
         }
     }
     fn note(&self, line: &str) {
-        self.tell(News::Note(in_python(line)));
+        self.tell(News::Note("info", in_python(line)));
+    }
+    fn lost(&self, line: &str) {
+        self.tell(News::Note("warning", in_python(line)));
     }
     fn stop(&self) -> bool {
         self.shared.ended.load(Ordering::Relaxed)
@@ -182,7 +188,7 @@ impl Listener<'_> {
         }
         let (done, total) = match news {
             News::Progress(stage, done, total) => self.rising(stage, *done, *total),
-            News::Step(_) | News::Note(_) => (0, 0),
+            News::Step(_) | News::Note(..) => (0, 0),
         };
         let heard = Python::attach(|py| match (news, &self.callbacks) {
             (News::Progress(stage, ..), Callbacks { on_progress: Some(callback), .. }) => {
@@ -191,19 +197,32 @@ impl Listener<'_> {
             (News::Step(line), Callbacks { on_step: Some(callback), .. }) => {
                 callback.call1(py, (loads(py, line)?,)).map(drop)
             }
-            // A log that cannot be written ends no job; a Ctrl-C that arrives meanwhile does.
-            (News::Note(line), _) => {
-                log(py, line).or_else(|e| if e.is_instance_of::<PyException>(py) { Ok(()) } else { Err(e) })
-            }
+            (News::Note(level, line), _) => log(py, level, line),
             _ => Ok(()),
         });
         self.keep(heard);
     }
 }
 
-fn log(py: Python<'_>, line: &str) -> PyResult<()> {
-    let logger = py.import("logging")?.call_method1("getLogger", ("qirf_vk",))?;
-    logger.call_method1("info", ("%s", line)).map(drop)
+/// Writes a line to the log, at a level such as "info". A log that cannot be written is no error; a Ctrl-C that arrives meanwhile is.
+pub fn log(py: Python<'_>, level: &str, line: &str) -> PyResult<()> {
+    let logger = py.import("logging").and_then(|logging| logging.call_method1("getLogger", ("qirf_vk",)));
+    match logger.and_then(|logger| logger.call_method1(level, ("%s", line))) {
+        Err(exception) if !exception.is_instance_of::<PyException>(py) => Err(exception),
+        _ => Ok(()),
+    }
+}
+
+/// Warns of what the readers of a scene left out, and writes their choices to the log.
+pub fn tell_skipped(py: Python<'_>, scene: &Path, skipped: &Skipped) -> PyResult<()> {
+    let told = |line: &str| format!("{}: {}", scene.display(), in_python(line));
+    for line in skipped.losses() {
+        warn(py, &told(&line))?;
+    }
+    for line in skipped.chosen() {
+        log(py, "info", &told(&line))?;
+    }
+    Ok(())
 }
 
 /// The result of a job, which gets its watcher. The exception of a callback comes first, even if the job was done by then.

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from importlib import metadata
 from pathlib import Path
 
@@ -47,6 +48,29 @@ def test_save_and_from_arrays_keep_every_byte(ring, tmp_path):
     ring.save(tmp_path / "model.spz")
     program("convert", RING, tmp_path / "program.spz")
     assert (tmp_path / "model.spz").read_bytes() == (tmp_path / "program.spz").read_bytes()
+
+
+def test_spz_has_the_bits_and_the_version_that_are_asked_for(ring, tmp_path):
+    sh = np.random.default_rng(1).normal(0, 0.2, (len(ring), 9, 3))
+    model = qirf_vk.Model.from_arrays(*arrays(ring)[:4], sh)
+    model.save(tmp_path / "model.ply")
+    for name, given, options in (
+        ("two", {"sh_bits": (6, 5)}, ["--sh-bits", "6,5"]),
+        ("old", {"sh_bits": 8, "spz_version": 3}, ["--sh-bits", 8, "--spz-version", 3]),
+    ):
+        model.save(tmp_path / f"{name}.spz", **given)
+        program("convert", tmp_path / "model.ply", tmp_path / f"{name}-program.spz", *options)
+        assert (tmp_path / f"{name}.spz").read_bytes() == (tmp_path / f"{name}-program.spz").read_bytes(), name
+    for text, name, given in (
+        ("sh_bits=9: give 1 to 8, or two", "x.spz", {"sh_bits": 9}),
+        ("sh_bits=True: give 1 to 8, or two", "x.spz", {"sh_bits": True}),
+        ("give 1 to 8, or two", "x.spz", {"sh_bits": (True, 5)}),
+        ("give 1 to 8, or two", "x.spz", {"sh_bits": b"\x06\x05"}),
+        ("spz_version=5: give 3 or 4", "x.spz", {"spz_version": 5}),
+        ("name an .spz file", "x.sog", {"sh_bits": [6, 5]}),
+    ):
+        with pytest.raises(ValueError, match=text):
+            model.save(tmp_path / name, **given)
 
 
 def test_models_far_from_the_origin_keep_their_place(ring, tmp_path):
@@ -91,7 +115,8 @@ def test_wrong_arrays_are_named(ring):
     broken[4, 1] = np.nan
     with pytest.raises(ValueError, match="Gaussian 4: its rotation is not finite"):
         make(means, scales, broken, logits, sh)
-    with np.errstate(over="ignore"), pytest.raises(ValueError, match="means has numbers that are too large for float32"):
+    with warnings.catch_warnings(), pytest.raises(ValueError, match="means has numbers that are too large for float32"):
+        warnings.simplefilter("error")
         make(np.full(means.shape, 1e39), scales, rotations, logits, sh)
     one = ring.select([0])
     with pytest.raises(ValueError, match=r"opacity_logits has the shape \(\), and should have \(1,\)"):
@@ -151,6 +176,9 @@ def test_errors_have_their_kinds(ring, tmp_path):
         "count=-3: give a number from 1": lambda: qirf_vk.train(tmp_path, count=-3),
         "keep=3: give a share": lambda: qirf_vk.train(tmp_path, keep=3),
         "seed is \"x\", a whole number is needed": lambda: qirf_vk.train(tmp_path, seed="x", sh_degree=1),
+        "does not read merge; choose another selector": lambda: qirf_vk.compress(ring, 0.5, merge=False),
+        "detail=2: give a share": lambda: qirf_vk.compress(ring, 0.5, selector="css", detail=2),
+        'budget is "all": give one of': lambda: qirf_vk.compress(ring, 0.5, selector="css", budget="all"),
         "views=1: give 2 or more": lambda: qirf_vk.compress(ring, views=1),
         "looks from eye": lambda: qirf_vk.Camera.look_at((1, 2, 3), (1, 2, 3)),
         "radius above 0": lambda: ring.crop_ball((0, 0, 0), -1),
@@ -392,6 +420,11 @@ def test_compression_and_scores_are_the_programs(trained, scene, tmp_path):
         program("compress", tmp_path / "model.ply", "-o", tmp_path / "program.ply", *options)
         assert (tmp_path / "python.ply").read_bytes() == (tmp_path / "program.ply").read_bytes(), selector
         assert record["output"]["gaussians"] == len(small)
+    rule = {"selector": "css", "budget": "global", "detail": 0.1, "merge": False}
+    qirf_vk.compress(model, 0.5, **rule, views=8, picture_size=(64, 64))[0].save(tmp_path / "python.ply")
+    options = ["--keep", 0.5, "--views", 8, "--size", "64x64", "--selector", "css", "--budget", "global", "--detail", 0.1, "--merge=false"]
+    program("compress", tmp_path / "model.ply", "-o", tmp_path / "program.ply", *options)
+    assert (tmp_path / "python.ply").read_bytes() == (tmp_path / "program.ply").read_bytes()
     exact, _ = qirf_vk.compress(model, count=50, views=8, picture_size=(64, 64))
     assert len(exact) == 50
     fitted, record = qirf_vk.compress(model, size=4000, output=tmp_path / "s.spz", views=8, picture_size=(64, 64))
@@ -442,9 +475,10 @@ def test_exceptions_while_notes_and_scores_are_written_are_passed_on(scene, trai
 def test_styles_of_training_are_those_of_scoring(scene):
     style = {"antialias": True, "dilation": 0.3, "depth_order": True}
     run = qirf_vk.train(scene, iterations=40, prune=False, **style)
-    assert qirf_vk.evaluate(run.model, scene, **style)["test"]["psnr"] == pytest.approx(run.record["test"]["psnr"], abs=1e-4)
+    for given in (style, {}):
+        assert qirf_vk.evaluate(run.model, scene, **given)["test"]["psnr"] == pytest.approx(run.record["test"]["psnr"], abs=1e-4)
     camera = qirf_vk.orbit(run.model, 1, size=[32, 24])[0]
-    pictures = [qirf_vk.Renderer(run.model, **given).render(camera) for given in ({}, {"dilation": 0.3}, {"antialias": False})]
+    pictures = [qirf_vk.Renderer(run.model, **given).render(camera) for given in ({}, {"dilation": 0.1}, {"antialias": False})]
     assert not np.array_equal(pictures[0], pictures[1]) and not np.array_equal(pictures[0], pictures[2])
     with pytest.raises(ValueError, match="dilation"):
         qirf_vk.Renderer(run.model, dilation=-1.0)

@@ -88,8 +88,15 @@ def test_models_and_cameras_are_pickled_and_copied(ring):
     other = pickle.loads(pickle.dumps(camera))
     assert np.array_equal(other.K, camera.K) and np.array_equal(other.world_to_camera, camera.world_to_camera)
     assert other.size == camera.size and other.near == camera.near
+    assert again != model and other != camera, "equality is identity"
     for thing in (model, camera):
         assert copy.copy(thing) is thing and copy.deepcopy([thing])[0] is thing
+
+
+def test_up_may_have_any_length():
+    expected = qirf_vk.Camera.look_at((0, 0, -3), up=(1, 1, 0)).world_to_camera
+    for length in (1e200, 1e-200):
+        assert np.allclose(qirf_vk.Camera.look_at((0, 0, -3), up=(length, length, 0)).world_to_camera, expected)
 
 
 def test_weak_references_die_with_what_they_refer_to(ring):

@@ -2,7 +2,7 @@
 //!
 //! Bytes and PSNR usually grow with both. At each rung, a secant search over the number of Gaussians finds the file of the target size
 //! or PSNR, or comes near enough to foretell its bytes. The search proceeds to the next rung as long as the file gets better. The whole model
-//! is tried first, since it may take fewer bytes than merged ones, as a poster of equal Gaussians does.
+//! is tried first, and at coarser rungs if it takes fewer bytes than merged ones, as a poster of equal Gaussians does.
 
 mod psnr;
 mod row;

@@ -37,8 +37,10 @@ pub struct DepthMaps {
     pub evidence: DepthEvidence,
     /// Points in the maps; their track is the view that sees them, and their colour is not known yet.
     pub points: Vec<Point>,
-    /// Notes for the user.
+    /// Notes for the user on maps that are not used or doubtful.
     pub notes: Vec<String>,
+    /// Notes for the user on how the others are used.
+    pub choices: Vec<String>,
 }
 
 /// Evidence about all maps from those with enough points.
@@ -150,9 +152,11 @@ pub fn of_views(scene: &Scene, views: &[usize], resize: Resize) -> DepthMaps {
     let evidence = DepthEvidence { maps: usable, by, deviation };
     let points = if apart(&evidence).is_some() { Vec::new() } else { points };
     let mut notes = notes(scene, &found, &known);
-    notes.extend((usable > 0).then(|| yielded(&evidence, &known.scales, points.len(), unseen)));
+    let mut choices = converted(&found, &known);
+    let list = if unseen || apart(&evidence).is_some() { &mut notes } else { &mut choices };
+    list.extend((usable > 0).then(|| yielded(&evidence, &known.scales, points.len(), unseen)));
     let maps = maps.into_iter().map(|(v, map)| (scene.views[v].name.clone(), map)).collect();
-    DepthMaps { maps, evidence, points, notes }
+    DepthMaps { maps, evidence, points, notes, choices }
 }
 
 /// The deviation of maps that is too large for them to be trained on, or to give points.
@@ -180,7 +184,7 @@ fn yielded(evidence: &DepthEvidence, scales: &[f64], points: usize, unseen: bool
     format!("{} from {maps}{scales}", counted(points, "point"))
 }
 
-/// Notes for the user: unused maps with reasons, and maps of other numbers than depths.
+/// Notes for the user on maps that are not used, with reasons, or have the scale of others.
 fn notes(scene: &Scene, found: &[Found], known: &Known) -> Vec<String> {
     let mut unread: BTreeMap<&str, Names> = BTreeMap::new();
     for f in found {
@@ -194,7 +198,6 @@ fn notes(scene: &Scene, found: &[Found], known: &Known) -> Vec<String> {
     };
     let mut notes: Vec<String> = unread.into_iter().map(told).collect();
     let with = |what: &dyn Fn(&Fitted) -> bool| found.iter().filter(|f| f.map.as_ref().is_ok_and(what)).count();
-    let used = |meaning| with(&|f| known.use_of(f).is_some_and(|by| by.0 == meaning));
     for (count, told) in [
         (with(&|f| matches!(f.scale, Scale::Apart)), "at no scale near the points; not used"),
         (
@@ -217,15 +220,27 @@ fn notes(scene: &Scene, found: &[Found], known: &Known) -> Vec<String> {
             with(&|f| known.lent(&f.scale).is_some() && known.use_of(f).is_some()),
             "too far from the points to tell a scale, used at the median scale of the others",
         ),
-        (used(Meaning::Inverse), "of inverse depths, converted by the points that each shows"),
-        (used(Meaning::Rays), "of lengths along rays, not of depths; used as such"),
-        (used(Meaning::Axis), "of depths along the photo's axis, not of lengths along rays; used as such"),
     ] {
         if count > 0 {
             notes.push(format!("{} {told}", counted(count, "depth map")));
         }
     }
     notes
+}
+
+/// Notes for the user on maps of other numbers than depths.
+fn converted(found: &[Found], known: &Known) -> Vec<String> {
+    let used = |f: &Found| Some(known.use_of(f.map.as_ref().ok()?)?.0);
+    let told = |(meaning, told): (Meaning, &str)| {
+        let count = found.iter().filter(|f| used(f) == Some(meaning)).count();
+        (count > 0).then(|| format!("{} {told}", counted(count, "depth map")))
+    };
+    let meanings = [
+        (Meaning::Inverse, "of inverse depths, converted by the points that each shows"),
+        (Meaning::Rays, "of lengths along rays, not of depths; used as such"),
+        (Meaning::Axis, "of depths along the photo's axis, not of lengths along rays; used as such"),
+    ];
+    meanings.into_iter().filter_map(told).collect()
 }
 
 /// The points that each view sees.

@@ -15,6 +15,11 @@ const SHORT: f32 = 1e-5;
 /// (2^64 pixels). One of e^30 world units is drawn at any depth that shows a world unit with up to a million pixels.
 const LARGEST: f32 = 30.0;
 
+/// True for a Gaussian so large that pictures may leave it out.
+pub(super) fn is_huge(log_scales: &[f32; 3]) -> bool {
+    log_scales.iter().any(|s| *s >= LARGEST)
+}
+
 /// Normalises a quaternion that is too short to be drawn, but not zero; whether it was one.
 pub(super) fn lengthen(quaternion: &mut [f32; 4]) -> bool {
     let short = *quaternion != [0.0; 4] && quaternion.iter().all(|c| c.abs() < SHORT);
@@ -163,13 +168,14 @@ impl Gaussians {
         }))
     }
 
-    /// Number of Gaussians that the projection leaves out: those that are not [`Gaussians::drawable`].
+    /// Number of Gaussians that pictures leave out: those that are not [`Gaussians::drawable`], and those of e^30 world units and
+    /// more: close cameras leave them out from that size on, usual ones from about e^43 on.
     pub fn undrawable(&self) -> usize {
-        (0..self.len()).filter(|i| !self.drawable(*i)).count()
+        (0..self.len()).filter(|i| !self.drawable(*i) || is_huge(&self.log_scales[*i])).count()
     }
 
-    /// False for a Gaussian that the projection leaves out, because a value is not finite (infinite opacity logits
-    /// excepted), or the largest component of the quaternion is below [`MIN_QUATERNION`].
+    /// False for a Gaussian that the projection leaves out in every picture, because a value is not finite (infinite opacity
+    /// logits excepted), or the largest component of the quaternion is below [`MIN_QUATERNION`].
     ///
     /// # Panics
     /// If `i` is not below [`Gaussians::len`].
@@ -203,15 +209,15 @@ impl Gaussians {
         for quaternion in &mut self.rotations {
             lengthen(quaternion);
         }
-        let sized = |log_scales: &[f32; 3]| log_scales.iter().all(|s| *s < LARGEST);
-        let wrong = |i: usize| !self.drawable(i) || self.opacity_logits[i].is_infinite() || !sized(&self.log_scales[i]);
+        let wrong =
+            |i: usize| !self.drawable(i) || self.opacity_logits[i].is_infinite() || is_huge(&self.log_scales[i]);
         let Some(i) = (0..self.len()).find(|i| wrong(*i)) else { return Ok(self) };
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
         let what = if !finite(&self.means[i]) {
             "its mean is not finite"
         } else if !finite(&self.log_scales[i]) {
             "its log_scales are not finite; the logarithm of a flat axis may be -20"
-        } else if !sized(&self.log_scales[i]) {
+        } else if is_huge(&self.log_scales[i]) {
             "its log_scales are too large to be drawn: they are natural logarithms, and should be less than 30"
         } else if !finite(&[self.opacity_logits[i]]) {
             "its opacity_logit is not finite; -20 is transparent, and 20 opaque"
@@ -336,7 +342,8 @@ mod tests {
         model.log_scales[4][0] = f32::INFINITY;
         model.sh[1][5 * 9 + 8] = f32::NAN;
         model.opacity_logits[6] = f32::NAN;
-        assert_eq!(model.undrawable(), 6);
+        model.log_scales[7][1] = 50.0;
+        assert_eq!((model.undrawable(), model.drawable(7)), (7, true));
     }
 
     fn three() -> Gaussians {

@@ -57,6 +57,10 @@ pub trait Watcher {
     }
     /// A line for the user.
     fn note(&self, _line: &str) {}
+    /// A line on something that is left out, damaged or doubtful.
+    fn lost(&self, line: &str) {
+        self.note(line);
+    }
     /// Returns true to end early; training then writes a checkpoint first.
     fn stop(&self) -> bool {
         false

@@ -64,6 +64,7 @@ pub fn examine(scene: &Scene) -> Result<(Vec<Decision>, Skipped, Agreement), Err
     let (train, photos): (Vec<usize>, Vec<Thumbnail>) = kept.unzip();
     let maps = depth_maps::of_views(&scene, &train, Resize::Width(THUMBNAIL_WIDTH));
     skipped.notes.extend(maps.notes);
+    skipped.choices.extend(maps.choices);
     let (depths, iterations) = (maps.evidence, Schedule::default().iterations);
     let set = TrainingSet { scene: &scene, train: &train, photos: &photos, depths, background, scale: 1.0, iterations };
     let mut decisions = effects::decide(&set, &Overrides::default(), MAX_SH_DEGREE).decisions;

@@ -10,25 +10,26 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Moves the means of a model from the local origin `from` to a scene's.
-pub fn place(model: &mut Gaussians, from: &mut [f64; 3], scene: &Path, images: Option<&Path>) -> Result<(), Error> {
-    if !is_near(model, *from) {
-        place_in(model, from, &open(scene, images)?);
-    }
-    Ok(())
-}
-
-/// Variant of [`place`] for a model that was read; returns the [`doubt`], but none about a PLY near the world's origin: few of
-/// these have lost a comment, and it takes long to open a capture.
-pub fn place_read(loaded: &mut Loaded, scene: &Path, images: Option<&Path>) -> Result<Option<&'static str>, Error> {
-    let is_ply = matches!(loaded.format, Format::Ply | Format::CompressedPly);
-    if is_near(&loaded.gaussians, loaded.origin) && (is_ply || keeps_origins(loaded.format)) {
+/// Moves the means of a model from the local origin `from` to a scene's. Returns the [`doubt`] about one that was read in this format, but
+/// none about a PLY near the world's origin: few of these have lost a comment, and it takes long to open a capture.
+pub fn place(
+    (model, from): (&mut Gaussians, &mut [f64; 3]),
+    format: Option<Format>,
+    scene: &Path,
+    images: Option<&Path>,
+) -> Result<Option<&'static str>, Error> {
+    if is_near(model, *from) && format.is_none_or(|format| is_ply(format) || keeps_origins(format)) {
         return Ok(None);
     }
     let scene = open(scene, images)?;
-    let doubt = doubt(loaded, &scene);
-    place_in(&mut loaded.gaussians, &mut loaded.origin, &scene);
+    let doubt = format.and_then(|format| doubt_of(model, *from, format, &scene));
+    place_in(model, from, &scene);
     Ok(doubt)
+}
+
+/// Variant of [`place`] for a model that was read.
+pub fn place_read(loaded: &mut Loaded, scene: &Path, images: Option<&Path>) -> Result<Option<&'static str>, Error> {
+    place((&mut loaded.gaussians, &mut loaded.origin), Some(loaded.format), scene, images)
 }
 
 fn open(scene: &Path, images: Option<&Path>) -> Result<Scene, Error> {
@@ -38,6 +39,15 @@ fn open(scene: &Path, images: Option<&Path>) -> Result<Scene, Error> {
 /// True for a model without a local origin that lies near the world's: it lies as near to any scene's.
 fn is_near(model: &Gaussians, from: [f64; 3]) -> bool {
     from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO
+}
+
+/// Of the formats of models without a recorded local origin, the one that leaves most [`doubt`] about all of them.
+pub fn most_doubtful(formats: impl Iterator<Item = Format>) -> Option<Format> {
+    formats.max_by_key(|format| (!keeps_origins(*format), !is_ply(*format)))
+}
+
+fn is_ply(format: Format) -> bool {
+    matches!(format, Format::Ply | Format::CompressedPly)
 }
 
 /// True for formats whose record of a local origin cannot be lost: that of a PLY is a comment, which other programs drop, and the others
@@ -66,11 +76,14 @@ pub fn shift_to(model: &Gaussians, from: [f64; 3], scene: &Scene) -> DVec3 {
 /// A warning, as a predicate, about a model whose record of a local origin may be lost: it is taken to have the scene's, which is another
 /// than the world's.
 pub fn doubt(loaded: &Loaded, scene: &Scene) -> Option<&'static str> {
-    let Loaded { gaussians, origin, format, .. } = loaded;
-    let is_guess = *origin == [0.0; 3]
-        && !keeps_origins(*format)
+    doubt_of(&loaded.gaussians, loaded.origin, loaded.format, scene)
+}
+
+fn doubt_of(model: &Gaussians, origin: [f64; 3], format: Format, scene: &Scene) -> Option<&'static str> {
+    let is_guess = origin == [0.0; 3]
+        && !keeps_origins(format)
         && scene.origin != DVec3::ZERO
-        && shift_to(gaussians, *origin, scene) == DVec3::ZERO;
+        && shift_to(model, origin, scene) == DVec3::ZERO;
     let warning = "records no local origin, so the capture's is assumed; if its PLY comment `origin X Y Z` was lost, or a \
                    georeference.json names it, restore the comment, or put that file beside the model";
     is_guess.then_some(warning)

@@ -44,7 +44,7 @@ impl Prepared {
     /// Tells of faults of the photos, cameras and poses, now and among what was skipped.
     pub fn note(&mut self, advice: Vec<String>, watcher: &dyn Watcher) {
         for line in advice {
-            watcher.note(&line);
+            watcher.lost(&line);
             self.scene.skipped.notes.push(line);
         }
     }
@@ -256,7 +256,10 @@ impl Opened {
         let mut maps = depth_maps::of_views(&self.scene, &train, self.resize);
         self.scene.points.append(&mut maps.points);
         for note in &maps.notes {
-            watcher.note(note);
+            watcher.lost(note);
+        }
+        for choice in &maps.choices {
+            watcher.note(choice);
         }
         self.depths.0 = maps;
         self
@@ -325,7 +328,10 @@ impl Opened {
         for (photo, view) in photos.iter_mut().zip(&scene.views) {
             photo.depth = maps.shown(&view.name, photo);
         }
-        for line in scene.skipped.summary() {
+        for line in scene.skipped.losses() {
+            watcher.lost(&line);
+        }
+        for line in scene.skipped.chosen() {
             watcher.note(&line);
         }
         all_there(&scene, &required)?;

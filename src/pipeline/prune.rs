@@ -224,15 +224,7 @@ fn record(selector: Selector, study: &Study, choice: &Choice) -> PruneRecord {
             unseen_blocks: c.unseen,
             repaired_values: c.repaired,
         },
-        seconds: PruneSeconds {
-            partition: study.seconds.partition,
-            overlap: study.seconds.overlap,
-            rrdm: study.seconds.rrdm,
-            participation: study.seconds.participation,
-            solve: study.seconds.solve,
-            assemble_and_solve: study.seconds.wall,
-            ..PruneSeconds::default()
-        },
+        seconds: PruneSeconds { study: study.seconds, ..PruneSeconds::default() },
         ..PruneRecord::default()
     }
 }

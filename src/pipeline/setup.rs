@@ -66,7 +66,7 @@ impl<'a> Setup<'a> {
         let pixels = opened.train_pixels();
         let fresh = || {
             if let Some(note) = opened.scene.lacks_points().filter(|_| matches!(config.init, Init::Points)) {
-                watcher.note(&note);
+                watcher.lost(&note);
             }
             Start::of(config, &opened.scene, pixels.iter().copied().max().unwrap_or(0), watcher)
         };

@@ -41,7 +41,7 @@ impl Start {
                 refuse_count(config, || format!("the model {}", path.display()))?;
                 let mut loaded = formats::read(path)?;
                 if let Some(doubt) = doubt(&loaded, scene) {
-                    tracing::warn!("{} {doubt}", path.display());
+                    watcher.lost(&format!("warning: {} {doubt}", path.display()));
                 }
                 place_in(&mut loaded.gaussians, &mut loaded.origin, scene);
                 if let Some(note) = cut(&mut loaded.gaussians, config) {

@@ -17,16 +17,8 @@ pub struct Block<'a> {
     pub matrices: BlockMatrices<'a>,
     /// Its members' opacities or their logits, m, which rank a block without any response.
     pub opacity: &'a [f32],
-    /// S_ii of its members, m (see [`self_overlap`]), for the raw overlap; otherwise `None`.
+    /// S_ii of its members, m (see [`Metric::self_overlap`](super::overlap::Metric::self_overlap)), for the raw overlap; otherwise `None`.
     pub self_overlaps: Option<&'a [f64]>,
-}
-
-/// S_ii = pi^(3/2) s1 s2 s3 of a Gaussian with these logarithms of scales; `dilation` is the standard deviation, in world units, that is
-/// added to every axis in quadrature, 0 for none.
-pub fn self_overlap(log_scales: [f32; 3], dilation: f64) -> f64 {
-    let widened = |log: f64| if dilation > 0.0 { 0.5 * ((2.0 * log).exp() + dilation * dilation).ln() } else { log };
-    let volume: f64 = log_scales.iter().map(|&s| widened(f64::from(s))).sum();
-    std::f64::consts::PI.powf(1.5) * volume.exp()
 }
 
 /// Options for solving blocks.

@@ -3,7 +3,7 @@
 use super::plan::{Arrays, Batch};
 use crate::gaussians::resident::Resident;
 use crate::gpu::{Groups, Recording};
-use crate::kernels::constants::axes::SCALE_FLOOR;
+use crate::kernels::constants::axes::{LARGEST_LOG, SCALE_FLOOR};
 use crate::kernels::qirf::{
     Axes, AxesPush, AxesSpec, Overlap, OverlapBySum, OverlapBySumPush, OverlapBySumSpec, OverlapPush, OverlapSpec,
 };
@@ -36,6 +36,21 @@ pub struct Metric {
 impl Default for Metric {
     fn default() -> Self {
         Self { method: Method::Qr, floor: SCALE_FLOOR, dilation: 0.0 }
+    }
+}
+
+impl Metric {
+    /// S_ii = pi^(3/2) s1 s2 s3 of the function that N has for a Gaussian with these logarithms of scales: clamped, widened and
+    /// raised as `glsl/qirf/axes.comp` does.
+    pub fn self_overlap(self, log_scales: [f32; 3]) -> f64 {
+        let clamped =
+            |log: f32| f64::from(if log.is_nan() { -LARGEST_LOG } else { log.clamp(-LARGEST_LOG, LARGEST_LOG) });
+        let dilation = f64::from(self.dilation);
+        let widened =
+            |log: f64| if dilation > 0.0 { 0.5 * ((2.0 * log).exp() + dilation * dilation).ln() } else { log };
+        let logs = log_scales.map(|log| widened(clamped(log)));
+        let least = logs.into_iter().fold(f64::NEG_INFINITY, f64::max) + f64::from(self.floor).ln();
+        std::f64::consts::PI.powf(1.5) * logs.iter().map(|log| log.max(least)).sum::<f64>().exp()
     }
 }
 

@@ -4,7 +4,7 @@ use super::densify::hash;
 use super::project::sigmoid;
 use super::rasterise::rasterise;
 use super::rasterise_backward::ImageGradient;
-use super::{Gradients, Rendered, Settings};
+use super::{Rendered, Settings};
 use crate::scene::camera::Camera;
 use glam::DVec3;
 
@@ -19,13 +19,6 @@ pub fn logistic(key: [u32; 3]) -> f64 {
 /// exceeds 0.01.
 pub fn shows(score: f64, random: Option<f64>) -> bool {
     random.map_or_else(|| sigmoid(score) > 0.01, |r| score + r > 0.0)
-}
-
-/// Gradient by the mask of Gaussian `i` at 1, if the mask multiplies its scales and its opacity, from the gradients by
-/// its parameters: d(M s)/dM = s and d(M o)/dM = o.
-pub fn gradient_of_scales_and_opacity(gradients: &Gradients, logit: f64, i: usize) -> f64 {
-    let by_scales: f64 = gradients.params.log_scales[i].iter().sum();
-    by_scales + gradients.params.opacity_logits[i] / sigmoid(-logit)
 }
 
 /// Gradient by the mask of every Gaussian, if a mask multiplies alpha. A picture is linear in each mask alone, so the

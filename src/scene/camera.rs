@@ -126,8 +126,8 @@ impl Camera {
     /// `up` is the world direction that points up in the picture; another is used if it is parallel to the view.
     #[must_use]
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov_y: f64, width: u32, height: u32) -> Self {
-        let forward = (target - eye).try_normalize().unwrap_or(DVec3::Z);
-        let right = forward.cross(up).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
+        let forward = direction(target - eye).unwrap_or(DVec3::Z);
+        let right = direction(forward.cross(up)).unwrap_or_else(|| forward.any_orthonormal_vector());
         let down = forward.cross(right);
         let rotation = DMat3::from_cols(right, down, forward).transpose();
         let focal = 0.5 * f64::from(height) / (0.5 * fov_y).tan();
@@ -141,6 +141,11 @@ impl Camera {
             whole: None,
         }
     }
+}
+
+/// The unit vector in the direction of `v`, also if the square of its length over- or underflows; none without a direction.
+fn direction(v: DVec3) -> Option<DVec3> {
+    if v.length_squared().is_normal() { v.try_normalize() } else { (v / v.abs().max_element()).try_normalize() }
 }
 
 /// Largest width and largest height of the cameras' pictures; 1 x 1 without cameras.

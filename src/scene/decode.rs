@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use super::error::Error;
 use super::image_file::{color_type, counting, decode, hides_where_white, to_bytes};
-use super::loaded::{Loaded, LoadedPhotos, notes, unused_alpha, without_alpha};
+use super::loaded::{Loaded, LoadedPhotos, choices, notes, unused_alpha, without_alpha};
 use super::photo::{AlphaRole, Photo};
 use super::pixels::{PhotoFile, Pixels};
 use super::resample::{MASKED, Raster, area_average, cut, undistort};
@@ -134,7 +134,8 @@ pub fn load_photos(
     {
         drop((loaded, store));
         let mut again = load_photos(views, &LoadOptions { alpha: Some(false), ..*options }, progress)?;
-        again.notes.extend(without_alpha(share));
+        let told = if share > NOTHING { &mut again.notes } else { &mut again.choices };
+        told.extend(without_alpha(share));
         return Ok(again);
     }
     let without_mask = (0..loaded.len()).filter(|at| loaded[*at].no_mask.is_some()).collect();
@@ -148,10 +149,10 @@ pub fn load_photos(
     photos.iter_mut().flatten().for_each(|photo| photo.alpha_role = alpha_role);
     let counts = alpha_role == AlphaRole::Alpha || announced && masked && share > 0.0;
     let share = Some((share, masked)).filter(|_| counts && options.alpha.is_none());
-    let mut notes = notes(has_masks && !masked, hidden, even, share, blank);
+    let mut notes = notes(has_masks && !masked, hidden, share.map_or(0, |_| blank));
     notes.extend(unused_alpha(unused));
     notes.extend(no_mask);
-    Ok(LoadedPhotos { photos, notes, without_mask })
+    Ok(LoadedPhotos { photos, notes, choices: choices(even, share), without_mask })
 }
 
 /// Tells that one photo more is done.

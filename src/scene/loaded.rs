@@ -8,8 +8,10 @@ use crate::wording::counted;
 pub struct LoadedPhotos {
     /// The photos, in the order of the views; a damaged photo fails alone.
     pub photos: Vec<Result<Photo, Error>>,
-    /// Notes for the user.
+    /// Faults of alpha and masks, for the user.
     pub notes: Vec<String>,
+    /// How alpha is used, for the user.
+    pub choices: Vec<String>,
     /// Views whose mask cannot be used, ascending.
     pub without_mask: Vec<usize>,
 }
@@ -64,20 +66,25 @@ pub(super) fn without_alpha(share: f64) -> Option<String> {
 /// A note on photos whose alpha is not used, since parts of other photos' faces are masked.
 pub(super) fn unused_alpha(photos: usize) -> Option<String> {
     let what = "with alpha that is ignored, because faces cut from other photos are masked in part: give masks instead";
+    told(photos, what)
+}
+
+/// A number of photos, with what is told of them; none for no photos.
+fn told(photos: usize, what: &str) -> Option<String> {
     (photos > 0).then(|| format!("{} {what}", counted(photos, "photo")))
 }
 
-/// Notes for the user on alpha and masks: that masks are `unused`, the numbers of photos that are `hidden` as a whole,
-/// have the same alpha everywhere (`even`) or are `blank`, and, if alpha counts without having been requested, the
-/// share of transparent pixels, with true if these are masked.
-pub(super) fn notes(
-    unused: bool,
-    hidden: usize,
-    even: usize,
-    transparent: Option<(f64, bool)>,
-    blank: usize,
-) -> Vec<String> {
-    let photos = |count: usize, what: &str| (count > 0).then(|| format!("{} {what}", counted(count, "photo")));
+/// Faults of alpha and masks, for the user: that masks are `unused`, and the numbers of photos that are `hidden` as a whole or `blank`.
+pub(super) fn notes(unused: bool, hidden: usize, blank: usize) -> Vec<String> {
+    let unused = unused.then(|| "the photos have alpha, which counts: their masks are not used".to_owned());
+    let hidden = told(hidden, "hidden as a whole by their masks: what is black in a mask does not count");
+    let blank = told(blank, "transparent everywhere");
+    unused.into_iter().chain(hidden).chain(blank).collect()
+}
+
+/// How alpha is used, for the user: the number of photos that have the same alpha everywhere (`even`), and, if alpha counts without
+/// having been requested, the share of transparent pixels, with true if these are masked.
+pub(super) fn choices(even: usize, transparent: Option<(f64, bool)>) -> Vec<String> {
     let counts = transparent.map(|(share, masked)| {
         let used = if masked {
             "masked in faces of panoramas and wide fisheyes, as are the parts that these hide"
@@ -86,13 +93,5 @@ pub(super) fn notes(
         };
         format!("{} % of the photos' pixels are transparent: {used}", percent(share, if masked { 2 } else { 1 }))
     });
-    let blank = counts.as_ref().and_then(|_| photos(blank, "transparent everywhere"));
-    unused
-        .then(|| "the photos have alpha, which counts: their masks are not used".to_owned())
-        .into_iter()
-        .chain(photos(hidden, "hidden as a whole by their masks: what is black in a mask does not count"))
-        .chain(photos(even, "with the same alpha everywhere: taken as opaque"))
-        .chain(counts)
-        .chain(blank)
-        .collect()
+    told(even, "with the same alpha everywhere: taken as opaque").into_iter().chain(counts).collect()
 }

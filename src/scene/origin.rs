@@ -62,7 +62,7 @@ impl Scene {
         }
         self.origin = origin;
         let [x, y, z] = origin.to_array();
-        self.skipped.notes.push(format!(
+        self.skipped.choices.push(format!(
             "the capture lies far from its world's origin: its cameras and points are relative to the local origin {x},{y},{z}"
         ));
         self

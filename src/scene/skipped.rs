@@ -82,17 +82,20 @@ pub struct Skipped {
     pub repeated_points: usize,
     /// Entries of points' tracks that name no view of the scene.
     pub track_entries: usize,
-    /// Sentences on choices that were made between several files, and on photos, cameras and poses that need a look.
+    /// Sentences on what is left out or ignored, and on photos, cameras and poses that need a look.
     pub notes: Vec<String>,
+    /// Sentences on choices, such as between several files, by which nothing is lost.
+    pub choices: Vec<String>,
 }
 
 impl Skipped {
-    /// Counts the views whose photo or mask could not be loaded, and adds the notes on those that were.
+    /// Counts the views whose photo or mask could not be loaded, and adds the notes and choices on those that were.
     pub(crate) fn add_loaded(&mut self, loaded: &LoadedPhotos, views: &[&View]) {
         for at in &loaded.without_mask {
             self.damaged_masks.add_photo(views[*at]);
         }
         self.notes.extend(loaded.notes.iter().cloned());
+        self.choices.extend(loaded.choices.iter().cloned());
         for (photo, view) in loaded.photos.iter().zip(views) {
             if let Err(error) = photo {
                 self.add_failed(view, error);
@@ -108,8 +111,20 @@ impl Skipped {
         names.add_photo(view);
     }
 
-    /// A phrase for each kind of part left out, then the notes; none if everything was used.
+    /// A phrase for points that repeat others, then the choices: by none of these anything is lost.
+    pub fn chosen(&self) -> Vec<String> {
+        let (points, how) = (self.repeated_points, "merged with others at the same place or close to it");
+        let merged = (points > 0).then(|| format!("{} {how}", counted(points, "point")));
+        merged.into_iter().chain(self.choices.iter().cloned()).collect()
+    }
+
+    /// The lines of [`Self::losses`], then those of [`Self::chosen`].
     pub fn summary(&self) -> Vec<String> {
+        [self.losses(), self.chosen()].concat()
+    }
+
+    /// A phrase for each kind of part left out, then the notes; none if everything was used.
+    pub fn losses(&self) -> Vec<String> {
         let masks = if self.damaged_masks.count == 1 {
             "damaged or of another shape than its photo, not used"
         } else {
@@ -145,9 +160,6 @@ impl Skipped {
             .collect();
         let points = self.bad_points;
         lines.extend((points > 0).then(|| format!("{} not finite", counted(points, "point"))));
-        let points = self.repeated_points;
-        let merged = "merged with others at the same place or close to it";
-        lines.extend((points > 0).then(|| format!("{} {merged}", counted(points, "point"))));
         lines.extend(match self.track_entries {
             0 => None,
             1 => Some("1 track entry without a view".to_owned()),

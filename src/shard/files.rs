@@ -4,7 +4,7 @@ use super::part::{self, Stored};
 use super::sealed;
 use super::task::{Listed, Task};
 use crate::gaussians::formats::{self, RenderMode, SpzVersion};
-use crate::gaussians::{Gaussians, formats::crc32};
+use crate::gaussians::{self, Gaussians, formats::crc32};
 use crate::job::Error;
 use crate::pipeline::prepare::crc32_of_file;
 use crate::response::Responses;
@@ -120,7 +120,14 @@ impl Files {
     /// The training state that a task wrote.
     pub fn state(&self, task: Task) -> Result<Snapshot, Error> {
         let path = self.first(task);
-        let mut snapshot = Snapshot::read(&path).map_err(|error| unread(error, task))?;
+        let mut snapshot = Snapshot::read(&path).map_err(|error| match error {
+            gaussians::Error::Malformed { path, record, what } => {
+                // The remedy for a checkpoint is not that for a task's file.
+                let why = what.split("; delete").next().unwrap_or_default();
+                Error::Part { path, what: format!("{record}: {why}"), task: task.to_string() }
+            }
+            other => unread(other, task),
+        })?;
         let notes = NOTES.map(|name| snapshot.notes.remove(name).unwrap_or_default());
         let task = task.to_string();
         match sealed::check(notes.each_ref().map(String::as_str), [&self.hash, &task]) {
@@ -165,5 +172,27 @@ impl Files {
         let model_crc32 = crc32([bytes.as_slice()]);
         let sealed = self.seal(task, &Beside { model_crc32, content })?;
         Ok(vec![bytes, sealed])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::task::Stage;
+    use super::*;
+
+    #[test]
+    fn a_damaged_state_is_its_tasks_and_no_checkpoint() {
+        let folder = tempfile::tempdir().unwrap();
+        let (task, name) = (Task::part(Stage::Settle, 0), "settle.safetensors");
+        std::fs::write(folder.path().join(name), [0_u8; 64]).unwrap();
+        let listed = vec![Listed::new(task, [], [name], 1)];
+        let files = Files { folder: folder.path().to_owned(), hash: String::new(), listed };
+        match files.state(task) {
+            Err(Error::Part { path, what, task }) => {
+                assert_eq!((path, task.as_str()), (folder.path().join(name), "settle/0000"));
+                assert!(what.starts_with("header: ") && !what.contains("delete"), "{what}");
+            }
+            other => panic!("{:?}", other.map(drop)),
+        }
     }
 }

@@ -7,6 +7,7 @@ use crate::gpu::Device;
 use crate::job::Error;
 use crate::job::diagnostics::{self, Diagnostics, NO_BLOCK};
 use crate::kernels::constants::sh::float64::SH_C0;
+use crate::metrics::{self, psnr, round_trip_8bit};
 use crate::qirf::partition::Partition;
 use crate::random::mix;
 use crate::render::Image;
@@ -153,17 +154,28 @@ pub fn alpha_picture(mut image: Image) -> Image {
     image
 }
 
-/// A picture of the mean absolute difference of two pictures (red, green, blue of each pixel), and their PSNR in dB.
-pub fn error_picture(mut image: Image, rendered: &[f32], truth: &[f32]) -> (Image, f32) {
-    let mut squares = 0.0_f64;
+/// A picture of the mean absolute difference of two pictures (red, green, blue of each pixel), and their PSNR in dB, of 8-bit values as in
+/// `eval`. `weights` are the shares of the values that count where a mask hides some; if it hides all, there is no PSNR.
+pub fn error_picture(
+    mut image: Image,
+    rendered: &[f32],
+    truth: &[f32],
+    weights: Option<&[f32]>,
+) -> Result<(Image, Option<f32>), metrics::Error> {
     for ((pixel, x), y) in image.pixels.iter_mut().zip(rendered.chunks_exact(3)).zip(truth.chunks_exact(3)) {
         let apart: [f32; 3] = std::array::from_fn(|c| x[c].clamp(0.0, 1.0) - y[c].clamp(0.0, 1.0));
-        squares += apart.iter().map(|d| f64::from(*d).powi(2)).sum::<f64>();
         let [r, g, b] = scale(apart.iter().map(|d| d.abs()).sum::<f32>() / 3.0 / LARGEST_ERROR);
         *pixel = [r, g, b, 1.0];
     }
-    let mean = squares / truth.len().max(1) as f64;
-    (image, (-10.0 * mean.log10()) as f32)
+    if weights.is_some_and(|weights| weights.iter().all(|w| *w == 0.0)) {
+        return Ok((image, None));
+    }
+    let (width, height) = (image.width as usize, image.height as usize);
+    let [rendered, truth] = [rendered, truth].map(round_trip_8bit);
+    let truth = metrics::Image::new(width, height, &truth)?;
+    let truth = weights.map_or(Ok(truth), |weights| truth.weighted(weights))?;
+    let db = psnr(&metrics::Image::new(width, height, &rendered)?, &truth)?;
+    Ok((image, Some(db as f32)))
 }
 
 #[cfg(test)]
@@ -175,10 +187,21 @@ mod tests {
         assert_eq!((scale(-1.0), scale(2.0), scale(f32::NAN)), (SCALE[0], SCALE[4], SCALE[4]));
         let pixels = vec![[0.5, 0.5, 0.5, 1.0]; 4];
         let image = Image { width: 2, height: 2, pixels };
-        let (picture, psnr) = error_picture(image.clone(), &[0.5; 12], &[0.4; 12]);
-        assert!((psnr - 20.0).abs() < 1e-4, "{psnr}");
-        assert!(picture.pixels[0].iter().zip(scale(0.4)).all(|(a, b)| (a - b).abs() < 1e-5));
-        assert_eq!(error_picture(image, &[0.5; 12], &[0.5; 12]).1, f32::INFINITY);
+        let (picture, db) = error_picture(image.clone(), &[0.6; 12], &[0.4; 12], None).unwrap();
+        assert!((db.unwrap() - 13.9794).abs() < 1e-4, "{db:?}");
+        assert!(picture.pixels[0].iter().zip(scale(0.8)).all(|(a, b)| (a - b).abs() < 1e-5));
+        assert_eq!(error_picture(image, &[0.5; 12], &[0.5; 12], None).unwrap().1, Some(f32::INFINITY));
+    }
+
+    #[test]
+    fn what_a_mask_hides_is_no_part_of_an_errors_psnr() {
+        let image = Image { width: 2, height: 2, pixels: vec![[0.0; 4]; 4] };
+        let [half, none] = [6, 0].map(|seen| (0..12).map(|k| if k < seen { 1.0 } else { 0.0 }).collect::<Vec<f32>>());
+        // Both pictures have the background where the mask hides the photo.
+        let rendered: Vec<f32> = half.iter().map(|w| 0.4 + 0.2 * w).collect();
+        let db = |weights: &[f32]| error_picture(image.clone(), &rendered, &[0.4; 12], Some(weights)).unwrap().1;
+        assert!((db(&half).unwrap() - 13.9794).abs() < 1e-4, "{:?}", db(&half));
+        assert_eq!(db(&none), None);
     }
 
     #[test]

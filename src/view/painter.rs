@@ -96,9 +96,10 @@ impl Painter {
             Picture::Error => {
                 let image = self.renderer.render(model, &camera)?;
                 let mut rendered = rgb(&image);
-                let truth = self.truth(subject, input, request, &mut rendered)?;
-                let (picture, db) = paint::error_picture(image, &rendered, &truth);
-                figure = Figure::Psnr(db);
+                let (truth, weights) = self.truth(subject, input, request)?;
+                hide(&mut rendered, weights.as_deref(), self.background);
+                let (picture, db) = paint::error_picture(image, &rendered, &truth, weights.as_deref())?;
+                figure = db.map_or(Figure::None, Figure::Psnr);
                 picture
             }
         };
@@ -147,27 +148,25 @@ impl Painter {
         Ok(model.parameters.means.cast::<[f32; 3]>().read(&self.device)?)
     }
 
-    /// The reference that an error picture compares `rendered` with: the photo at a photo's camera, whose mask then
-    /// hides parts of both; otherwise the other model.
+    /// The reference of an error picture, with the share of each of its values that counts if a mask hides some: the photo at
+    /// a photo's camera, otherwise the other model.
     fn truth(
         &mut self,
         subject: &Subject,
         input: PaintInput<'_>,
         request: &Request,
-        rendered: &mut [f32],
-    ) -> Result<Vec<f32>, Error> {
+    ) -> Result<(Vec<f32>, Option<Vec<f32>>), Error> {
         let (RequestCamera::Photo(n), Some(capture)) = (request.camera, &subject.capture) else {
             let why = "an error picture needs the camera of a photo, or a second model";
-            return input.other.map(<[f32]>::to_vec).ok_or_else(|| Error::Usage(why.into()));
+            return input.other.map(|other| (other.to_vec(), None)).ok_or_else(|| Error::Usage(why.into()));
         };
         let photo = match self.photo.take() {
             Some((at, photo)) if at == n => photo,
             _ => capture.photo(n)?,
         };
-        hide(rendered, weights(&photo)?.as_deref(), self.background);
-        let truth = truth(&photo, self.background);
+        let compared = (truth(&photo, self.background)?, weights(&photo)?);
         self.photo = Some((n, photo));
-        truth
+        Ok(compared)
     }
 }
 

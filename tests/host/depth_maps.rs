@@ -80,7 +80,7 @@ fn maps_get_the_scale_of_the_points_and_lie_where_photos_show_them() {
         let mut scene = open(folder.path());
         assert_eq!((scene.skipped.missing_depths.count, &scene.skipped.missing_depths.examples[0][..]), (1, "c.jpg"));
         let maps = maps_of(&mut scene, &[0, 1, 2]);
-        let (found, notes) = (&maps.points, &maps.notes);
+        let (found, notes) = (&maps.points, &maps.choices);
         println!("{} points, {notes:?}, {:?}", found.len(), maps.evidence);
         // Without points they are compared with each other.
         let by = if with_points { DepthWitness::Points } else { DepthWitness::Maps };
@@ -138,7 +138,7 @@ fn many_points_without_tracks_tell_the_scale() {
         scene.points.last_mut().unwrap().track.push(77);
         let maps = depth_maps::of_views(&scene, &[0, 1, 2], Resize::Full);
         assert_eq!((maps.evidence.maps, maps.evidence.by), (1, DepthWitness::Points), "{what}");
-        assert!(maps.notes[0].contains("scales 2.000 to 2.000"), "{what}: {:?}", maps.notes);
+        assert!(maps.choices[0].contains("scales 2.000 to 2.000"), "{what}: {:?}", maps.choices);
     }
 }
 
@@ -152,7 +152,7 @@ fn a_map_far_from_its_points_gets_the_scale_of_the_others() {
     for (b, scales, lent) in [(4.0, "1.000 to 1.000", true), (2.0, "1.000 to 2.000", false)] {
         npy(&folder_of_maps.join("b.npy"), |_, _| b);
         let maps = depth_maps::of_views(&open(folder.path()), &[0, 1, 2], Resize::Full);
-        let told = maps.notes.join("; ");
+        let told = [maps.notes.join("; "), maps.choices.join("; ")].join("; ");
         let unit = maps.of("c.jpg").unwrap().unit;
         assert_eq!((unit - 1.0).abs() < 1e-9, lent, "{unit}: {told}");
         assert_eq!(told.contains("1 depth map too far from the points to tell a scale"), lent, "{told}");

@@ -70,7 +70,7 @@ fn points_without_colours_have_those_of_the_photos() {
         }
         let mut scene = Scene::open(folder.path(), &OpenOptions::default()).unwrap();
         let photos = scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
-        (of_scene(&scene, &photos).unwrap(), scene.skipped.notes.join("; "))
+        (of_scene(&scene, &photos).unwrap(), scene.skipped.summary().join("; "))
     };
     let (plain, note) = seeds([7; 3]);
     assert!(note.contains("13 points without colours, or all of one (7, 7, 7): training from them starts"), "{note}");

@@ -49,7 +49,9 @@ fn masks_of_scales_and_opacity() {
             loss(&p, &camera, &smooth())
         };
         let quotient = (masked(1.0 + h) - masked(1.0 - h)) / (2.0 * h);
-        let slope = learnt_mask::gradient_of_scales_and_opacity(&gradients, params.opacity_logits[i], i);
+        // d(M s)/dM = s and d(M o)/dM = o.
+        let by_scales: f64 = gradients.params.log_scales[i].iter().sum();
+        let slope = by_scales + gradients.params.opacity_logits[i] * (1.0 + params.opacity_logits[i].exp());
         assert!((slope - quotient).abs() < 1e-6 * (1.0 + quotient.abs()), "{i}: {slope}, quotient {quotient}");
     }
 }

@@ -1,7 +1,7 @@
 //! Which command dispatches which kernel: the last column of the equations in docs/engine.md, held against what commands do.
 
-use super::ended::works;
-use super::run::{command, finished, finished_as_in_the_paper};
+use super::ended::{qirf, works};
+use super::run::{finished, finished_as_in_the_paper};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -27,8 +27,8 @@ fn dispatched(options: &str) -> BTreeSet<String> {
         "--preset paper" => finished_as_in_the_paper().ended.said.clone(),
         other => {
             let folder = tempfile::tempdir().unwrap();
-            let more: Vec<&str> = other.split(' ').chain(["-v", "-v"]).collect();
-            works(&mut command(&finished().scene, folder.path(), &more)).said
+            let mut run = qirf(["run".as_ref(), &*finished().scene, "-o".as_ref(), folder.path()]);
+            works(run.args(["--iterations", "60", "-v", "-v"]).args(other.split(' '))).said
         }
     };
     told.lines().filter_map(|line| line.split_once("pipeline ")?.1.split(' ').next().map(str::to_owned)).collect()

@@ -46,7 +46,7 @@ const DISTORTION: Case = Case { made: &[Made::Distortion], effect: Effect::Disto
 impl Case {
     /// The shortest run that still shows the effect's benefit.
     fn short(self) -> Self {
-        Self { most: 2000, iterations: 600, ..self }
+        Self { most: 2000, iterations: 250, ..self }
     }
 
     /// PSNR in dB, off and on, means over `seeds`. Both are scored alike: with fitted exposures if the effect is

@@ -12,7 +12,7 @@ use qirf_vk::metrics::Scores;
 use qirf_vk::pipeline::evaluate::exhibits::exhibits;
 use qirf_vk::qirf::participation::Eigensolver;
 use qirf_vk::qirf::select::Selector;
-use qirf_vk::qirf::study::Merging;
+use qirf_vk::qirf::study::{Merging, Seconds};
 use qirf_vk::report::plot::{Axis, Bar, Columns, Front, Line, Lines, Mark, Point, bars};
 use qirf_vk::report::{of_run, page};
 use qirf_vk::scene::{Names, Skipped};
@@ -51,8 +51,7 @@ fn prune(iteration: u32) -> PruneRecord {
         frames_per_second_before: Some(12.5),
         seconds: PruneSeconds {
             responses: 1.2,
-            solve: 0.3,
-            assemble_and_solve: 0.5,
+            study: Seconds { solve: 0.3, wall: 0.5, ..Seconds::default() },
             total: 2.0,
             ..PruneSeconds::default()
         },
@@ -128,6 +127,7 @@ fn rich() -> RunRecord {
             empty_views: 1,
             scene: Skipped {
                 damaged_images: Names { count: 7, examples: vec![EVIL.to_owned()], last: None },
+                choices: vec!["a choice".to_owned()],
                 ..Skipped::default()
             },
         },
@@ -235,6 +235,7 @@ fn a_page_holds_all_of_a_run_and_escapes_what_files_say() {
     );
     let guards = html.texts("#guards tr");
     assert!(guards.iter().any(|g| g.contains("damaged photos7")), "{guards:?}");
+    assert_eq!(html.texts("#guards p"), ["a choice"]);
     assert!(guards.iter().filter(|g| g.contains("none")).count() >= 7, "{guards:?}");
 }
 

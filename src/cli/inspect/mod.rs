@@ -126,14 +126,30 @@ pub(super) fn is_scene(path: &Path) -> bool {
     (has_extension(path, &["json", "txt", "bin"]) || path.is_dir()) && formats::sog_meta(path).is_none()
 }
 
-/// The error of a path that holds neither the expected scene nor the expected model: a run that has not finished explains it.
+/// The error of a path that holds neither the expected scene nor the expected model: another result in it, or a job that has not
+/// finished, explains it.
 pub(super) fn unfinished(path: &Path, error: Error) -> Error {
-    let begun = path.join("config.toml").is_file() && !is_run(path);
+    let holds = |name: &str| path.join(name).is_file();
+    // A comparison of several seeds has its figures above the folders of the seeds.
+    let of_a_seed = |folder: &Path| folder.file_name().is_some_and(|name| name.to_string_lossy().starts_with("seed-"));
+    let above = path.parent().filter(|_| of_a_seed(path));
+    let seeds_begun = || {
+        let mut entries = std::fs::read_dir(path).into_iter().flatten().flatten().map(|entry| entry.path());
+        entries.any(|entry| of_a_seed(&entry) && entry.join("arms").is_dir())
+    };
+    let what = if holds("compare.json") || above.is_some_and(|above| above.join("compare.json").is_file()) {
+        "it is the folder of a comparison: compare.html shows its figures, and compare.json holds them"
+    } else if holds("sweep.json") {
+        "it is the folder of a sweep: sweep.html shows its figures, and sweep.json holds them"
+    } else if (holds("config.toml") && path.join("arms").is_dir()) || seeds_begun() {
+        "it is the folder of a comparison that has not finished; continue it with `compare --resume`"
+    } else if !holds("config.toml") || is_run(path) {
+        return error;
+    } else {
+        "it is the folder of a run that has not finished; continue it with `run --resume`, or watch it with `run --view`"
+    };
     match error {
-        Error::Scene(crate::scene::Error::NoScene { .. }) | Error::Gaussians(gaussians::Error::Unsupported { .. })
-            if begun =>
-        {
-            let what = "it is the folder of a run that has not finished; continue it with `run --resume`, or watch it with `run --view`";
+        Error::Scene(crate::scene::Error::NoScene { .. }) | Error::Gaussians(gaussians::Error::Unsupported { .. }) => {
             crate::scene::Error::Instead { path: path.to_owned(), what: what.to_owned() }.into()
         }
         other => other,

@@ -5,7 +5,7 @@ use std::fmt;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::super::edit::lengthen;
+use super::super::edit::{is_huge, lengthen};
 use super::Gaussians;
 use crate::wording::counted;
 
@@ -20,7 +20,7 @@ pub const OPACITY_LOGIT_LIMIT: f32 = 20.0;
 /// e^-20 = 2e-9 world units is flatter than any pixel sees, and its square (4e-18) is still a normal float32.
 pub const LOG_SCALE_FLOOR: f32 = -20.0;
 
-/// Counts of what a reader changed or left out; all zero for a clean file.
+/// Counts of what a reader changed, left out or doubts; all zero for a clean file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Repairs {
     /// Gaussians removed because of a NaN or an infinity in mean, scale, rotation or SH, or of a NaN opacity.
@@ -35,22 +35,25 @@ pub struct Repairs {
     pub clamped_opacities: usize,
     /// Gaussians with a scale of zero, raised to e^[`LOG_SCALE_FLOOR`].
     pub floored_scales: usize,
+    /// Gaussians of e^30 world units and more, which are kept, although pictures may leave them out.
+    #[serde(default)]
+    pub huge_scales: usize,
     /// Bytes ignored after the last record.
     pub trailing_bytes: u64,
 }
 
 impl Repairs {
-    /// True if anything was repaired.
+    /// True if anything was counted.
     pub fn any(&self) -> bool {
         *self != Self::default()
     }
 }
 
 impl fmt::Display for Repairs {
-    /// One sentence; empty if nothing was repaired.
+    /// One line; empty if nothing was counted.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let limit = OPACITY_LOGIT_LIMIT;
-        let parts: Vec<String> = [
+        let repaired: Vec<String> = [
             (self.non_finite_rows as u64, "Gaussian", "removed for NaN or infinite values".to_owned()),
             (self.zero_quaternions as u64, "Gaussian", "removed for a zero quaternion".to_owned()),
             (self.short_quaternions as u64, "Gaussian", "with very short quaternions, normalised".to_owned()),
@@ -62,7 +65,14 @@ impl fmt::Display for Repairs {
         .filter(|(count, ..)| *count > 0)
         .map(|(count, noun, what)| format!("{} {what}", counted(count, noun)))
         .collect();
-        if parts.is_empty() { Ok(()) } else { write!(f, "repaired on reading: {}", parts.join(", ")) }
+        let repaired = (!repaired.is_empty()).then(|| format!("repaired on reading: {}", repaired.join(", ")));
+        let huge = (self.huge_scales > 0).then(|| {
+            let huge = counted(self.huge_scales as u64, "Gaussian");
+            format!(
+                "{huge} of e^30 units or more, which pictures may leave out: are the stored scales really logarithms?"
+            )
+        });
+        f.write_str(&repaired.into_iter().chain(huge).collect::<Vec<_>>().join("; "))
     }
 }
 
@@ -93,6 +103,7 @@ pub(super) fn repair(model: &mut Gaussians) -> (Repairs, Vec<usize>) {
     if !removed.is_empty() {
         model.compact(&bad.into_iter().map(|bad| !bad).collect::<Vec<_>>());
     }
+    repairs.huge_scales = model.log_scales.iter().filter(|scales| is_huge(scales)).count();
     for logit in model.opacity_logits.iter_mut().filter(|logit| logit.is_infinite()) {
         repairs.clamped_opacities += 1;
         *logit = OPACITY_LOGIT_LIMIT.copysign(*logit);
@@ -115,6 +126,7 @@ mod tests {
         m.opacity_logits[5] = f32::INFINITY;
         m.opacity_logits[6] = f32::NEG_INFINITY;
         m.log_scales[7] = [f32::NEG_INFINITY, 1.0, f32::NEG_INFINITY];
+        m.log_scales[8][2] = 50.0;
         m.rotations[8] = [0.0, 3e-30, -4e-30, 0.0];
         let (repairs, removed) = repair(&mut m);
         assert_eq!(removed, [0, 1, 2, 3, 4]);
@@ -125,6 +137,7 @@ mod tests {
             short_quaternions: 1,
             clamped_opacities: 2,
             floored_scales: 1,
+            huge_scales: 1,
             trailing_bytes: 0,
         };
         assert_eq!(repairs, expected);
@@ -136,5 +149,8 @@ mod tests {
             sentence.starts_with("repaired on reading: ") && sentence.contains("4 Gaussians removed for NaN"),
             "{sentence}"
         );
+        let huge = Repairs { huge_scales: 2, ..Repairs::default() }.to_string();
+        assert!(huge.starts_with("2 Gaussians of e^30 units or more, which pictures"), "{huge}");
+        assert!(sentence.contains("raised to e^-20; 1 Gaussian of e^30"), "{sentence}");
     }
 }

@@ -4,7 +4,7 @@ use crate::qirf::CHANNELS;
 use crate::qirf::pairs::PairCounts;
 use crate::qirf::participation::Eigensolver;
 use crate::qirf::select::Selector;
-use crate::qirf::study::Merging;
+use crate::qirf::study::{Merging, Seconds};
 use serde::{Deserialize, Serialize};
 
 /// One prune: counts before and after, and statistics of its blocks.
@@ -114,21 +114,9 @@ pub struct PruneGuards {
 pub struct PruneSeconds {
     /// The pass over the training views, if there was one.
     pub responses: f64,
-    /// Normalisation and partition.
-    pub partition: f64,
-    /// Device: overlaps N.
-    #[serde(default)]
-    pub overlap: f64,
-    /// Device: W and P.
-    #[serde(default)]
-    pub rrdm: f64,
-    /// Device: eigenproblems.
-    #[serde(default)]
-    pub participation: f64,
-    /// Host: eigenproblems and column subsets.
-    pub solve: f64,
-    /// Assembly and solution, in parallel.
-    pub assemble_and_solve: f64,
+    /// The study of the blocks.
+    #[serde(flatten)]
+    pub study: Seconds,
     /// Selection, from ranks to a keep mask.
     pub select: f64,
     /// Merging, and compaction of parameters and moments.

@@ -231,7 +231,7 @@ impl Times {
 pub struct Guards {
     /// Updates skipped because gradients were not finite.
     pub skipped_rows: u64,
-    /// Gaussians of the final model that no picture shows: see [`crate::gaussians::Gaussians::undrawable`].
+    /// Gaussians of the final model that pictures leave out or may leave out: see [`crate::gaussians::Gaussians::undrawable`].
     pub undrawable: usize,
     /// Held-out views that rendered empty.
     pub empty_views: usize,

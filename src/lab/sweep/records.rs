@@ -188,7 +188,8 @@ impl AxisRecord {
             let (low, high) = range(self.rungs.iter().filter_map(RungRecord::seconds).collect());
             let times: Vec<Spread> = self.rungs.iter().filter_map(|r| r.time).filter(|t| t.samples > 1).collect();
             let together = times.len() == self.rungs.len() && times.iter().all(|a| times.iter().all(|b| a.overlaps(b)));
-            if low > 0.0 && (high / low < EQUALLY_FAST || together) {
+            let once = self.rungs.iter().all(|r| r.time == self.rungs[0].time);
+            if !once && low > 0.0 && (high / low < EQUALLY_FAST || together) {
                 self.flat.push(if high / low < EQUALLY_FAST {
                     format!("Times hardly differ (medians within {:.0} %): {flat_times}", 100.0 * (high / low - 1.0))
                 } else {
@@ -219,11 +220,13 @@ impl AxisRecord {
             a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1))
         });
         if let Some((rung, _)) = next {
+            // Equal to the last digit, the times are those of one measurement.
+            let once = rung.time == default.time;
+            let cost = if once { String::new() } else { format!("it {}, and ", self.change(rung, default)) };
             return format!(
-                "The next rung that is more exact than the default, {}, is {}: it {}, and its accuracy ({}) is {} instead of {}.",
+                "The next rung that is more exact than the default, {}, is {}: {cost}its accuracy ({}) is {} instead of {}.",
                 default.name,
                 rung.name,
-                self.change(rung, default),
                 self.axis.accuracy,
                 self.shown(rung),
                 self.shown(default),
@@ -234,12 +237,13 @@ impl AxisRecord {
             .filter(|(rung, (_, time))| *time < (1.0 - ALIKE) * from && !rung.overlaps(default))
             .min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0));
         let rest = match faster {
+            None if others().all(|(rung, _)| rung.time == default.time) => String::new(),
             None if others().any(|(_, (_, time))| time < (1.0 - ALIKE) * from) => {
-                "no other is faster beyond the spread".to_owned()
+                "; no other is faster beyond the spread".to_owned()
             }
-            None => "no other is faster".to_owned(),
+            None => "; no other is faster".to_owned(),
             Some((rung, _)) => format!(
-                "{}, the most exact of the faster ones, {}, and its {} is {}",
+                "; {}, the most exact of the faster ones, {}, and its {} is {}",
                 rung.name,
                 self.change(rung, default),
                 self.axis.accuracy,
@@ -247,7 +251,7 @@ impl AxisRecord {
             ),
         };
         let shown = self.shown(default);
-        format!("No rung is more exact than the default, {} ({}: {shown}); {rest}.", default.name, self.axis.accuracy)
+        format!("No rung is more exact than the default, {} ({}: {shown}){rest}.", default.name, self.axis.accuracy)
     }
 
     /// The difference of a rung's time from another's, as text.
@@ -354,6 +358,17 @@ mod tests {
         assert_eq!(flat.flat.len(), 2, "{:?}", flat.flat);
         assert!(flat.sentence.starts_with("No rung is more exact"), "{}", flat.sentence);
         assert!(axis(&[("0", 4.0, 0.0)]).sentence.contains("was not among"));
+    }
+
+    #[test]
+    fn rungs_with_one_time_are_not_compared_by_it() {
+        let better = axis(&[("1e-6", 4.0, 0.0), ("1e-4", 4.0, 0.1)]);
+        let said = "The next rung that is more exact than the default, 1e-4, is 1e-6: its accuracy (Jaccard distance of the kept set) is 0 \
+                    instead of 0.1000.";
+        assert_eq!((better.sentence.as_str(), better.flat.len()), (said, 0));
+        let exact = axis(&[("1e-4", 4.0, 0.0), ("1e-3", 4.0, 0.1)]);
+        let said = "No rung is more exact than the default, 1e-4 (Jaccard distance of the kept set: 0).";
+        assert_eq!((exact.sentence.as_str(), exact.flat.len()), (said, 0));
     }
 
     #[test]

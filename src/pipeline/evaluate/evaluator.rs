@@ -91,14 +91,14 @@ impl HeldOut {
         self.views.iter().filter(|view| !view.scores.counts()).for_each(|view| hidden.add(&view.name));
         if hidden.count > 0 {
             let all = self.views.len();
-            watcher.note(&format!(
+            watcher.lost(&format!(
                 "{} of {all} held-out views have no score, because masks hide them: {hidden}",
                 hidden.count
             ));
         }
         if self.empty > 0 {
             let views = counted(self.empty, "held-out view");
-            watcher.note(&format!(
+            watcher.lost(&format!(
                 "{views} rendered empty: the model shows nothing there; if they are photos, check the poses and the scene's \
                  scale"
             ));

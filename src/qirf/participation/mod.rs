@@ -12,6 +12,9 @@ use super::{CHANNELS, Row};
 use crate::wording::named;
 use serde::{Deserialize, Serialize};
 
+/// Relative rounding of the entries of N, which are float32: 2^-24.
+const ROUNDING: f64 = 1.0 / 16_777_216.0;
+
 /// Slack of the energy's comparison with tau, so that float32 and float64 agree on a sum that hits it exactly.
 const ENERGY_SLACK: f64 = 1e-6;
 
@@ -90,6 +93,11 @@ impl Gram {
         Some(if least > 0.0 { most / least } else { f64::INFINITY })
     }
 
+    /// Largest error of an eigenvalue by the rounding of N, no entry of which exceeds the mean of its two diagonal ones.
+    fn rounding(&self) -> f64 {
+        ROUNDING * (0..self.m).map(|i| self.values[i * self.m + i]).sum::<f64>()
+    }
+
     /// An orthonormal basis of the functions that the metric distinguishes: columns v_k / sqrt(d_k) of its eigenpairs
     /// (d_k, v_k), without those with d_k below `least` (canonical orthogonalisation); m x p, column-major.
     ///
@@ -160,8 +168,9 @@ impl Factor {
                 f64::by(library).potrf(m, &mut l).then_some(Form::Cholesky(l))
             }
         };
+        let canonical = || metric.canonical(epsilon.max(metric.rounding())).map(Form::Canonical);
         // Without convergence nothing is known of the metric: the identity ranks by the responses themselves.
-        let form = factored.or_else(|| metric.canonical(epsilon).map(Form::Canonical)).unwrap_or(Form::Identity);
+        let form = factored.or_else(canonical).unwrap_or(Form::Identity);
         Self { library, form }
     }
 

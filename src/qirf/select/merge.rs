@@ -23,7 +23,7 @@ pub struct Functions {
     pub sh: Vec<f64>,
     /// Numbers per row of `sh`: 3 or more.
     pub width: usize,
-    /// S_ii up to a common factor, m (see [`crate::qirf::batch::self_overlap`]).
+    /// S_ii up to a common factor, m (see [`crate::qirf::overlap::Metric::self_overlap`]).
     pub self_overlaps: Vec<f64>,
 }
 

@@ -20,10 +20,12 @@ impl Study {
         model: &mut Gaussians,
         keep: &[bool],
     ) -> gpu::Result<Merging> {
-        let own = self_overlaps(model, 0.0);
+        // Merging represents the model's own functions, however they were widened to be ranked.
+        let metric = Metric::default();
+        let own = self_overlaps(model, metric);
         let blocks = &self.partitioned.blocks;
         let mut merging = Merging::default();
-        self.overlaps(device, resident, |batch| {
+        self.overlaps(device, resident, metric, |batch| {
             let before: &Gaussians = model;
             let merged: Vec<_> = batch
                 .par_iter()
@@ -53,11 +55,11 @@ impl Study {
         &self,
         device: &Device,
         resident: &Resident,
+        metric: Metric,
         mut body: impl FnMut(&[(usize, &[f32])]),
     ) -> gpu::Result<Timings> {
         let Blocks { members, starts } = &self.partitioned.blocks;
-        // Merging represents the model's own functions, however they were widened to be ranked.
-        let options = Options { metric: Metric::default(), density: None, batch_bytes: BATCH_BYTES };
+        let options = Options { metric, density: None, batch_bytes: BATCH_BYTES };
         let assembly = Assembly::new(device, resident, members, starts, &[], options)?;
         assembly.for_each(|assembled| {
             body(&assembled.iter().map(|(b, matrices)| (b, matrices.overlap)).collect::<Vec<_>>());

@@ -5,7 +5,8 @@ mod merging;
 mod solve;
 
 use super::assemble::{Assembly, Options};
-use super::batch::{Collected, Solver, self_overlap};
+use super::batch::{Collected, Solver};
+use super::overlap::Metric;
 use super::participation::Eigensolver;
 use super::partition::{Partition, Partitioned};
 use super::rrdm::Density;
@@ -104,19 +105,23 @@ impl Default for Basis {
 }
 
 /// Seconds of a study.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seconds {
     /// Rows of H, and the partition.
     pub partition: f64,
     /// Device: N.
+    #[serde(default)]
     pub overlap: f64,
     /// Device: W and P.
+    #[serde(default)]
     pub rrdm: f64,
     /// Device: eigenproblems.
+    #[serde(default)]
     pub participation: f64,
     /// Host: eigenproblems and column subsets.
     pub solve: f64,
     /// Elapsed time of all of these, which run concurrently.
+    #[serde(rename = "assemble_and_solve")]
     pub wall: f64,
 }
 
@@ -134,7 +139,7 @@ pub struct Study {
     pub detail: Vec<f64>,
     /// Times of the parts.
     pub seconds: Seconds,
-    dilation: f32,
+    metric: Metric,
 }
 
 /// Counts of blocks by the result of merging.
@@ -185,7 +190,7 @@ impl Study {
         let of_blocks: Vec<Selector> = selectors.iter().copied().filter(|s| s.reads_blocks()).collect();
         let mut study = Self {
             detail: detail::scores(model, &responses.channels),
-            dilation,
+            metric: Metric { dilation, ..Metric::default() },
             rankings: Vec::new(),
             solver: (!of_blocks.is_empty()).then_some(basis.solver),
             collected: Collected::new(&partitioned.blocks, &of_blocks),
@@ -233,9 +238,9 @@ impl Study {
     }
 }
 
-/// S_ii of all Gaussians, widened by `dilation` in world units.
-fn self_overlaps(model: &Gaussians, dilation: f32) -> Vec<f64> {
-    model.log_scales.iter().map(|s| self_overlap(*s, f64::from(dilation))).collect()
+/// S_ii of all Gaussians.
+fn self_overlaps(model: &Gaussians, metric: Metric) -> Vec<f64> {
+    model.log_scales.iter().map(|s| metric.self_overlap(*s)).collect()
 }
 
 /// `share` of the median over the Gaussians of the largest scale, in world units.

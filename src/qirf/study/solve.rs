@@ -33,10 +33,9 @@ struct Job<'a> {
 
 impl<'a> Job<'a> {
     /// The assembly of N, W and, for `dsygvd`, P.
-    fn assembly(&self, blocks: &Blocks, dilation: f32) -> gpu::Result<Assembly<'a>> {
+    fn assembly(&self, blocks: &Blocks, metric: Metric) -> gpu::Result<Assembly<'a>> {
         let Basis { eta, epsilon, solver, .. } = *self.basis;
         let density = Density { eta: eta as f32, epsilon: epsilon as f32, full: solver == Eigensolver::Dsygvd };
-        let metric = Metric { dilation, ..Metric::default() };
         let options = Options { metric, density: Some(density), batch_bytes: BATCH_BYTES };
         let Blocks { members, starts } = blocks;
         Assembly::new(self.device, self.observed.resident, members, starts, self.rows, options)
@@ -80,7 +79,7 @@ impl Study {
         let (chosen, mut failed): (Vec<usize>, Vec<usize>) =
             (0..all.len()).partition(|b| all.block(*b).len() <= device::LARGEST_BLOCK);
         let blocks = Blocks::of(chosen.iter().map(|b| all.block(*b)));
-        let assembly = job.assembly(&blocks, self.dilation)?;
+        let assembly = job.assembly(&blocks, self.metric)?;
         let problem = device::Problem { epsilon: job.basis.epsilon as f32, tau: job.basis.tau as f32 };
         let collected = &mut self.collected;
         let timings = assembly.solve_each(problem, |k, solution| -> Result<()> {
@@ -115,10 +114,10 @@ impl Study {
         }
         let all = &self.partitioned.blocks;
         let blocks = Blocks::of(chosen.iter().map(|b| all.block(*b)));
-        let own = (job.basis.overlap == Overlap::Raw).then(|| self_overlaps(job.observed.model, self.dilation));
+        let own = (job.basis.overlap == Overlap::Raw).then(|| self_overlaps(job.observed.model, self.metric));
         let collected = &mut self.collected;
         let mut solve_s = 0.0;
-        let assembly = job.assembly(&blocks, self.dilation)?;
+        let assembly = job.assembly(&blocks, self.metric)?;
         let timings = assembly.for_each(|batch| -> Result<()> {
             let started = Instant::now();
             let batch: Vec<_> = batch.iter().collect();

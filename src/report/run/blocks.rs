@@ -98,11 +98,11 @@ fn kept_by_rank(prune: &PruneRecord) -> Markup {
 
 fn times(s: &PruneSeconds) -> Markup {
     let named = [
-        ("device: overlaps", s.overlap),
-        ("device: response densities", s.rrdm),
-        ("device: eigenproblems", s.participation),
-        ("host: eigenproblems and subsets", s.solve),
-        ("elapsed (device and host in parallel)", s.assemble_and_solve),
+        ("device: overlaps", s.study.overlap),
+        ("device: response densities", s.study.rrdm),
+        ("device: eigenproblems", s.study.participation),
+        ("host: eigenproblems and subsets", s.study.solve),
+        ("elapsed (device and host in parallel)", s.study.wall),
     ];
     let taken = named.into_iter().filter(|(_, value)| *value > 0.0);
     let bar = |(name, value): (&str, f64)| Bar { name: name.to_owned(), value, text: seconds(value) };

@@ -107,6 +107,7 @@ fn skipped(scene: &Skipped) -> Vec<Vec<String>> {
         repeated_points,
         track_entries,
         notes: _,
+        choices: _,
     } = scene;
     let named = [
         ("missing photos", missing_images),
@@ -134,14 +135,14 @@ fn skipped(scene: &Skipped) -> Vec<Vec<String>> {
     named.into_iter().chain(counts.map(|(what, n)| row(what, *n, String::new()))).collect()
 }
 
-/// Counts of repaired, skipped and omitted values, and the notes on the scene.
+/// Counts of repaired, skipped and omitted values, and the notes and choices on the scene.
 pub fn guards(results: &RunRecord) -> Markup {
     let g = &results.guards;
     let plain = |what: &str, n: usize| row(what, n, String::new());
     let mut rows = skipped(&g.scene);
     rows.extend([
         plain("updates skipped because a gradient was not finite", g.skipped_rows as usize),
-        plain("Gaussians that cannot be drawn: no rotation, or not finite", g.undrawable),
+        plain("Gaussians that pictures leave out: no rotation, not finite, or of e^30 units and more", g.undrawable),
         plain("held-out views that rendered empty", g.empty_views),
     ]);
     for (k, prune) in results.prunes.iter().enumerate() {
@@ -154,7 +155,7 @@ pub fn guards(results: &RunRecord) -> Markup {
     let columns = [Column::Text("repaired, skipped or left out"), Column::Number("count"), Column::Text("which")];
     html! {
         (table(&columns, &rows, None))
-        @for note in &g.scene.notes { p class="hint" { (note) } }
+        @for note in g.scene.notes.iter().chain(&g.scene.choices) { p class="hint" { (note) } }
     }
 }
 
@@ -204,6 +205,7 @@ mod tests {
             repeated_points: 14,
             track_entries: 15,
             notes: Vec::new(),
+            choices: Vec::new(),
         };
         let rows = skipped(&scene);
         let counts: Vec<String> = (1..=15).map(count).collect();

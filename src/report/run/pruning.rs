@@ -80,8 +80,8 @@ fn kept_shares(prune: &PruneRecord) -> Markup {
 fn times(s: &PruneSeconds) -> Markup {
     let named = [
         ("responses", s.responses),
-        ("partition", s.partition),
-        ("blocks, on device and host", s.assemble_and_solve),
+        ("partition", s.study.partition),
+        ("blocks, on device and host", s.study.wall),
         ("selection", s.select),
         ("merging and compaction", s.merge),
     ];

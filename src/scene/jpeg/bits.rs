@@ -11,7 +11,7 @@ pub(super) enum Fault {
 /// The blocks of a scan, one after the other.
 pub(super) struct Blocks<'a> {
     bits: Bits<'a>,
-    /// Their first and their last coefficient in a progressive scan.
+    /// Their first and their last coefficient besides the constant one.
     band: [u8; 2],
     /// The number of next blocks in which this scan finds no coefficient.
     run: u64,
@@ -43,19 +43,8 @@ impl<'a> Blocks<'a> {
     /// Steps over one block with all its coefficients.
     pub(super) fn skip(&mut self, dc: &[(u8, u8)], ac: &[(u8, u8)]) -> Result<(), Fault> {
         self.skip_dc(dc)?;
-        let mut k = 1;
-        while k < 64 {
-            let symbol = self.bits.symbol(ac)?;
-            match (symbol >> 4, symbol & 15) {
-                (15, 0) => k += 16,
-                (_, 0) => break,
-                (zeros, size) => {
-                    self.bits.skip(size)?;
-                    k += 1 + zeros;
-                }
-            }
-        }
-        Ok(())
+        self.run = 0; // a run of blocks, which only progressive scans have
+        self.begin(ac, &mut 0)
     }
 
     /// Steps over a block's first bits of the band's coefficients, and adds those that are not zero.

@@ -146,7 +146,7 @@ impl Image {
         if by_bands && !alone {
             return Err(Fault::NoCode);
         }
-        let mut blocks = Blocks::new(data, scan.band);
+        let mut blocks = Blocks::new(data, if self.progressive { scan.band } else { [1, 63] });
         for unit in 0..units {
             if self.restart > 0 && unit > 0 && unit.is_multiple_of(self.restart as usize) {
                 blocks.restart()?;

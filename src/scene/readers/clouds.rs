@@ -30,7 +30,7 @@ pub(super) fn beside(folders: &[&Path], skipped: &mut Skipped) -> Vec<Point> {
     match point_ply::read(&path) {
         Ok(points) => {
             let points = usable(points, skipped);
-            skipped.notes.push(format!("the points are those of {}", path.display()));
+            skipped.choices.push(format!("the points are those of {}", path.display()));
             points
         }
         Err(error) => {

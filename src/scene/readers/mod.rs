@@ -76,7 +76,7 @@ impl Scene {
             Poses::Colmap(model) => colmap::read(&root, &model, options)?,
             Poses::Transforms(file) => transforms::read(&root, &outer, &file, options)?,
         };
-        listing.skipped.notes.extend(note);
+        listing.skipped.choices.extend(note);
         assemble(listing, options)
     }
 
@@ -154,7 +154,7 @@ fn assemble(mut listing: Listing, options: &OpenOptions) -> Result<Scene, Error>
     let points = if options.check { merge_copies(points) } else { points };
     skipped.repeated_points = listed - points.len();
     let plain = notes::plain(&points);
-    skipped.notes.extend(plain.map(|colour| notes::of_one_colour(points.len(), colour)));
+    skipped.choices.extend(plain.map(|colour| notes::of_one_colour(points.len(), colour)));
     let (near, origin) = (near::near(size), DVec3::ZERO);
     let Listing { kind, root, .. } = listing;
     Ok(Scene { kind, root, source, views, points, plain, skipped, near, unit: 1.0, origin }.move_near(size))

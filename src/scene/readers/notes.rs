@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use glam::{DVec2, DVec3};
 
 use super::files::is_replaced;
-use super::tree::PhotoTree;
+use super::tree::{PhotoTree, unread};
 use super::{Point, View};
 use crate::sample::evenly;
 use crate::scene::lens::Lens;
@@ -98,5 +98,6 @@ pub(super) fn unposed(folder: &Path, (views, left_out): (&[View], &[PathBuf]), s
     for name in tree.names.iter().filter(|name| !is_used(&folder.join(name))) {
         skipped.unposed_images.add(name);
     }
-    skipped.notes.extend(tree.notes());
+    skipped.choices.extend(tree.choices());
+    skipped.notes.extend(unread(&tree.unread));
 }

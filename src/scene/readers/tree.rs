@@ -209,6 +209,11 @@ impl PhotoTree {
 
     /// Notes on files that are not used as photos.
     pub fn notes(&self) -> Vec<String> {
+        self.choices().into_iter().chain(unread(&self.unread)).collect()
+    }
+
+    /// Notes on files that are taken for something else than photos, or for copies of photos.
+    pub fn choices(&self) -> Vec<String> {
         let told = |names: &[String], what: &str| {
             let mut some = Names::default();
             for name in names {
@@ -219,7 +224,7 @@ impl PhotoTree {
         let what = "set aside as masks, maps, small copies of photos, or grey or palette pictures named like a photo in colour";
         let aside = told(&self.aside, what);
         let twins = told(&self.twins, "not used, because photos in another format have their names");
-        aside.into_iter().chain(twins).chain(unread(&self.unread)).collect()
+        aside.into_iter().chain(twins).collect()
     }
 
     /// The folders that hold photos, by their paths within the folder (empty for itself), with their numbers of photos.

@@ -118,7 +118,7 @@ impl BlockRun {
         let start = Start::of(&config, &opened.scene, pixels.iter().copied().max().unwrap_or(0), session.watcher)?;
         let (initial, degree) = (start.len(), start.degree());
         if let (Init::Points, Some(note)) = (&config.init, opened.scene.lacks_points()) {
-            session.watcher.note(&note);
+            session.watcher.lost(&note);
             config.init = Init::Random;
         }
         drop(start);

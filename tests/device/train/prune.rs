@@ -2,6 +2,8 @@
 
 use super::runs::{bits, capture, options, resumed, train, trainer};
 use crate::support::{device, finish};
+use qirf_vk::gaussians::Gaussians;
+use qirf_vk::gaussians::resident::Resident;
 use qirf_vk::gpu::Device;
 use qirf_vk::job::config::PruneRule;
 use qirf_vk::pipeline::prune::{PruneRequest, prune_by};
@@ -95,6 +97,35 @@ fn counts_are_exact() {
     let changed = |i: usize| merged.opacity_logits[i].to_bits() != model.opacity_logits[i].to_bits();
     assert!((0..model.len()).all(|i| choice.keep[i] || !changed(i)), "only kept ones change");
     assert!((0..model.len()).any(changed) && merged.opacity_logits.iter().all(|v| v.is_finite()));
+    finish(&device);
+}
+
+/// Merging takes discs thinner than a thousandth of their width for discs of that thickness, as their overlaps do.
+#[test]
+fn thin_discs_are_merged_as_their_overlaps_have_them() {
+    let device = device();
+    let mut trained = after_60(&device, options());
+    let responses = trained.responses(Wanted::BOTH).unwrap();
+    let whole = trained.download().unwrap();
+    let flattened = |log: fn(f32) -> f32| {
+        let mut model = whole.clone();
+        model.log_scales.iter_mut().step_by(3).for_each(|s| s[2] = log(s[0].max(s[1])));
+        model
+    };
+    let keep: Vec<bool> = (0..whole.len()).map(|i| i % 2 == 0).collect();
+    let merged = |model: &Gaussians| {
+        let resident = Resident::upload(&device, model).unwrap();
+        let observed = Observed { resident: &resident, model, responses: &responses };
+        let study = Study::new(&device, observed, &Basis::default(), &[Selector::Importance], 1).unwrap();
+        let mut merged = model.clone();
+        let merging = study.merge(&device, &resident, &mut merged, &keep).unwrap();
+        (merging, merged.opacity_logits)
+    };
+    let (of_floor, of_discs) = (merged(&flattened(|s| s + 1e-3_f32.ln())), merged(&flattened(|_| -20.0)));
+    assert!(of_floor.0.accepted > 0, "{:?}", of_floor.0);
+    assert!(of_discs.0.accepted.abs_diff(of_floor.0.accepted) <= 1, "{:?}, {:?}", of_discs.0, of_floor.0);
+    let largest = of_discs.1.iter().zip(&of_floor.1).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(largest < 1e-2, "{largest}");
     finish(&device);
 }
 

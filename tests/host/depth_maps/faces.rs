@@ -61,7 +61,7 @@ fn maps_of_wide_fisheyes_lie_along_rays_or_the_axis() {
         let maps = depth_maps::of_views(&scene, &(0..scene.views.len()).collect::<Vec<_>>(), Resize::Full);
         println!("{:?} {:?}", maps.evidence, maps.notes);
         assert!(maps.evidence.maps > 2 && maps.evidence.deviation.is_some_and(|share| share < 0.05));
-        (maps.notes.join("; "), maps)
+        (maps.choices.join("; "), maps)
     };
     let (told, along_rays) = maps();
     assert!(!told.contains("along"), "{told}");

@@ -51,10 +51,10 @@ fn numbers_of_maps_are_what_the_points_say() {
         (&|i, z, _| 3.0 * (i + 1) as f64 / z + 0.7, "3 depth maps of inverse depths", 1e-4),
     ];
     for (number, told, off) in kinds {
-        let DepthMaps { points, notes, evidence, .. } = maps(number);
-        println!("{notes:?} {evidence:?}");
+        let DepthMaps { points, notes, choices, evidence, .. } = maps(number);
+        println!("{notes:?} {choices:?} {evidence:?}");
         assert!(evidence.maps == 3 && evidence.deviation.is_some_and(|share| share < off), "{told}: {evidence:?}");
-        assert!(notes.join("; ").contains(told), "{notes:?}");
+        assert!(choices.join("; ").contains(told), "{choices:?}");
         assert!(points.len() > 1000);
         let apart = |p: &qirf_vk::scene::Point| (p.position.z - 4.0 - 0.5 * p.position.x).abs();
         assert!(points.iter().all(|p| apart(p) < 8.0 * off), "{told}");

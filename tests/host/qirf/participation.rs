@@ -2,8 +2,9 @@
 
 use super::Made;
 use proptest::prelude::*;
-use qirf_vk::qirf::batch::{Block, Collected, Solver, self_overlap};
+use qirf_vk::qirf::batch::{Block, Collected, Solver};
 use qirf_vk::qirf::dense::{LIBRARIES, Library};
+use qirf_vk::qirf::overlap::Metric;
 use qirf_vk::qirf::participation::{Eigensolver, Factor, Gram, lowdin, solve};
 use qirf_vk::qirf::select::{Selector, css, rank};
 use qirf_vk::qirf::{CHANNELS, Row};
@@ -129,6 +130,23 @@ fn an_indefinite_metric_falls_back_to_its_canonical_form() {
     }
 }
 
+/// Four copies, of whose overlaps one is rounded up: the eigenvalues besides 4 are of the rounding's size, and of both signs.
+#[test]
+fn the_canonical_form_has_no_functions_of_rounding() {
+    let mut n = [1.0_f32; 16];
+    (n[1], n[4]) = (1.0 + f32::EPSILON, 1.0 + f32::EPSILON);
+    let metric = Gram::new(4, &n, None, 0.0);
+    let w: Vec<Row> = [1.0, 1.0, 2.0, 3.0].map(|x| [x; CHANNELS]).to_vec();
+    let p = [8.0, 8.0, 8.0, 16.0, 16.0, 32.0, 24.0, 24.0, 48.0, 72.0];
+    for (library, solver) in everyone() {
+        let solved = solve(&metric.clone().by(library), &w, &p, solver, 0.95).0;
+        assert!(solved.canonical, "{solver}");
+        // Along (1, 1, 1, 1) / 2, with the eigenvalue 4: lambda = 8 (7 / 2)^2 / 4, and a quarter of lambda / 4 each.
+        assert!((solved.spectrum[0] - 24.5).abs() < 1e-4, "{solver}: {:?}", solved.spectrum);
+        assert!(solved.q.iter().all(|q| (q - 24.5 / 16.0).abs() < 1e-4), "{solver}: {:?}", solved.q);
+    }
+}
+
 #[test]
 fn a_metric_without_any_positive_eigenvalue_still_answers() {
     let metric = Gram::new(2, &[-1.0, 0.0, 0.0, -2.0], None, 1e-4);
@@ -226,20 +244,27 @@ fn a_batch_gives_what_its_blocks_give_and_damage_is_counted() {
     assert_eq!(solved[4].ranked[0].1.rank, [2, 0, 1]);
 }
 
-/// The diagonal of the raw overlaps is the integral of a Gaussian's square, and the Gaussian is the same as in N: widened.
+/// The diagonal of the raw overlaps is the integral of a Gaussian's square, and the Gaussian is the same as in N: widened, then
+/// with no axis below a thousandth of the longest.
 #[test]
-fn raw_overlaps_are_of_the_widened_gaussians() {
-    let scales = [0.02_f32, 0.3, 1.5];
-    for dilation in [0.0, 0.25, 40.0] {
-        let along = |s: f32| {
+fn raw_overlaps_are_of_the_functions_of_n() {
+    for (scales, dilation) in
+        [0.0, 0.25, 40.0].into_iter().flat_map(|d| [([0.02_f32, 0.3, 1.5], d), ([1e-9, 0.3, 1.5], d)])
+    {
+        let deviations = scales.map(|s| (f64::from(s).powi(2) + dilation * dilation).sqrt());
+        let along = |deviation: f64| {
             // exp(-x² / (2 v))² in steps of a tenth of the standard deviation.
-            let deviation = (f64::from(s).powi(2) + dilation * dilation).sqrt();
+            let deviation = deviation.max(1e-3 * deviations[2]);
             (-100..=100_i32).map(|k| (-(0.1 * f64::from(k)).powi(2)).exp()).sum::<f64>() * 0.1 * deviation
         };
-        let integral: f64 = scales.map(along).iter().product();
-        let own = self_overlap(scales.map(f32::ln), dilation);
-        assert!((own / integral - 1.0).abs() < 1e-5, "{dilation}: {own}, {integral}");
+        let integral: f64 = deviations.map(along).iter().product();
+        let own = Metric { dilation: dilation as f32, ..Metric::default() }.self_overlap(scales.map(f32::ln));
+        assert!((own / integral - 1.0).abs() < 1e-5, "{scales:?}, {dilation}: {own}, {integral}");
     }
+    // As the kernel clamps them.
+    let of = |log: f32| Metric::default().self_overlap([log, 0.0, 0.0]);
+    assert_eq!([of(f32::NAN), of(f32::NEG_INFINITY)].map(f64::to_bits), [of(-69.0).to_bits(); 2]);
+    assert!(of(f32::INFINITY) == of(69.0) && of(69.0).is_finite());
 }
 
 #[test]

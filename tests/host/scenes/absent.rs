@@ -3,12 +3,13 @@
 use std::fs;
 use std::io::Cursor;
 use std::path::Path;
+use std::sync::Mutex;
 
 use super::dialects::{capture, notes, open};
 use super::traps::grey;
 use super::{TOP, transformed};
 use crate::support::files::writers::{picture, row, transforms, write, written};
-use qirf_vk::job::{Error, Selection, Silent};
+use qirf_vk::job::{Error, Selection, Silent, Watcher};
 use qirf_vk::pipeline::prepare;
 use qirf_vk::scene::{LoadOptions, OpenOptions, PhotoMemory, PhotoTree, Resize, Scene, masks_of, photo_folder};
 
@@ -270,6 +271,45 @@ fn photos_that_are_not_read_are_told_from_damaged_ones() {
     fs::write(capture.path().join("sparse/0/images.txt"), b"version https://git-lfs.github.com/spec/v1\n").unwrap();
     let error = Scene::open(capture.path(), &OpenOptions::default()).unwrap_err().to_string();
     assert!(error.contains("images.txt") && error.contains("git lfs pull"), "{error}");
+}
+
+/// Lines on losses, and others.
+#[derive(Default)]
+pub struct Told([Mutex<Vec<String>>; 2]);
+
+impl Told {
+    pub fn lines(self) -> [String; 2] {
+        self.0.map(|lines| lines.into_inner().unwrap().join("\n"))
+    }
+}
+
+impl Watcher for Told {
+    fn lost(&self, line: &str) {
+        self.0[0].lock().unwrap().push(line.to_owned());
+    }
+
+    fn note(&self, line: &str) {
+        self.0[1].lock().unwrap().push(line.to_owned());
+    }
+}
+
+#[test]
+fn losses_are_told_apart_from_notes() {
+    let [capture, _] = captures(&["images/a.png", "images/b.png"]);
+    fs::write(capture.path().join("sparse/0/test.txt"), "a.png\nz.png\n").unwrap();
+    let mut opened = prepare::open(&Selection::of(capture.path().to_owned())).unwrap();
+    opened.scene.skipped.repeated_points = 3;
+    let told = Told::default();
+    opened.load(PhotoMemory::default(), &told).unwrap();
+    let [lost, noted] = told.lines();
+    for (told, is_loss) in [
+        ("1 photo listed but absent (c.png)", true),
+        ("1 name in", true),
+        ("3 points merged with others", false),
+        ("1 photo held out, as", false),
+    ] {
+        assert_eq!([&lost, &noted].map(|lines| lines.contains(told)), [is_loss, !is_loss], "{told}: {lost}; {noted}");
+    }
 }
 
 #[test]

@@ -169,7 +169,7 @@ fn alpha_leaves_the_pole_masked() {
     crate::support::files::writers::picture(&folder.path().join("masks/a.png"), 30, 30);
     let mut scene = Scene::open(folder.path(), &OpenOptions { pole_mask: 50.0, ..OpenOptions::default() }).unwrap();
     let photos = scene.load_photos(&LoadOptions::default(), &|_| {}).unwrap();
-    let notes = scene.skipped.notes.join("; ");
+    let notes = scene.skipped.summary().join("; ");
     assert!(notes.contains("are transparent: masked in faces") && !notes.contains("are not used"), "{notes}");
     for (photo, view) in photos.iter().zip(&scene.views) {
         assert_eq!(photo.alpha_role, AlphaRole::Mask);

@@ -139,7 +139,7 @@ fn a_capture_is_found_in_the_one_folder_that_holds_it() {
         let scene = open(folder.path()).unwrap();
         let found = scene.views.iter().filter(|view| view.image.is_file()).count();
         assert_eq!((scene.views.len(), found), (2, 2), "{what}");
-        assert!(scene.skipped.summary().join("\n").contains(note), "{what}: {:?}", scene.skipped.notes);
+        assert!(scene.skipped.summary().join("\n").contains(note), "{what}: {:?}", scene.skipped);
     }
 }
 

@@ -1,7 +1,6 @@
 //! The shared scenes, if they are available.
 
 use crate::support::shared;
-use std::path::PathBuf;
 
 use qirf_vk::scene::{AlphaRole, OpenOptions, Resize, Scene};
 
@@ -66,14 +65,6 @@ fn fox() {
     // One of them: `shared_scenes_call_for_what_they_show` decodes more.
     let small = view.load_photo(Resize::Width(144)).unwrap();
     assert_eq!((small.camera.width, small.camera.height, small.alpha_role), (144, 256, AlphaRole::Opaque));
-    if let Ok(folder) = std::env::var("QIRF_TEST_OUT") {
-        let full = view.load_photo(Resize::Full).unwrap();
-        for (name, photo) in [("fox-144.png", &small), ("fox-full.png", &full)] {
-            let path = PathBuf::from(&folder).join(name);
-            let (width, height) = (photo.camera.width, photo.camera.height);
-            image::save_buffer(path, &photo.pixels.read().unwrap(), width, height, image::ColorType::Rgba8).unwrap();
-        }
-    }
 }
 
 #[test]

@@ -1,8 +1,16 @@
 //! Captures in other units of length, and far from their worlds' origins.
 
+use super::absent::Told;
 use super::dialects::{notes, open};
+use crate::support::files::make;
 use crate::support::files::writers::{Model, written};
+use glam::DVec3;
+use qirf_vk::gaussians::formats::{self, Format, RenderMode};
+use qirf_vk::job::{Init, Preset, RunConfig};
+use qirf_vk::pipeline::place::most_doubtful;
+use qirf_vk::pipeline::start::Start;
 use qirf_vk::scene::Scene;
+use qirf_vk::scene::camera::Camera;
 
 /// A capture of ten views in another unit of length and at another place.
 fn moved(unit: f64, by: [f64; 3]) -> tempfile::TempDir {
@@ -64,4 +72,29 @@ fn far_worlds_are_read_about_an_origin_of_their_own() {
         }
         assert!((far.near - plain.near).abs() < 1e-6);
     }
+}
+
+#[test]
+fn a_run_doubts_a_model_that_may_have_lost_its_origin() {
+    let capture = moved(1.0, [5e5, 4e6, 100.0]);
+    let file = capture.path().join("a.spz");
+    formats::write(&file, &make::model(20, 0), RenderMode::Plain).unwrap();
+    let config = RunConfig { init: Init::Model(file), ..RunConfig::of(capture.path().to_owned(), Preset::Quick) };
+    let told = Told::default();
+    Start::of(&config, &open(capture.path()), 64 * 48, &told).unwrap();
+    let [lost, _] = told.lines();
+    assert!(lost.starts_with("warning: ") && lost.contains("records no local origin"), "{lost}");
+    assert_eq!(most_doubtful([Format::Ply, Format::Spz, Format::Gltf].into_iter()), Some(Format::Spz));
+}
+
+#[test]
+fn a_direction_may_have_any_length() {
+    let eye = DVec3::new(0.0, 0.0, -3.0);
+    let at = |eye: DVec3, up: DVec3| Camera::look_at(eye, DVec3::ZERO, up, 0.7, 64, 48).rotation;
+    let up = DVec3::new(1.0, 1.0, 0.0);
+    for length in [1e200, 2e-162, 1e-200] {
+        assert!(at(eye, up * length).abs_diff_eq(at(eye, up), 1e-12), "{length}");
+        assert!(at(DVec3::X * length, DVec3::Y).abs_diff_eq(at(DVec3::X, DVec3::Y), 1e-12), "{length}");
+    }
+    assert!(at(eye, DVec3::ZERO).is_finite(), "another direction is taken");
 }

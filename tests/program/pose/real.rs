@@ -10,6 +10,9 @@ use qirf_vk::scene::{OpenOptions, Scene, photo_names};
 use std::fs;
 use std::path::Path;
 
+/// Photos of the first test, a part of the walk round the subject: matching takes a time for each pair.
+const PHOTOS: usize = 14;
+
 #[test]
 fn colmap_finds_the_cameras_that_are_known() {
     if !starts("colmap") {
@@ -19,16 +22,19 @@ fn colmap_finds_the_cameras_that_are_known() {
     let folder = tempfile::tempdir().unwrap();
     let photos = folder.path().join("photos");
     fs::create_dir(&photos).unwrap();
-    for name in photo_names(&king.join("images")) {
-        let photo = image::open(king.join("images").join(&name)).unwrap();
+    let mut chosen = photo_names(&king.join("images"));
+    chosen.truncate(PHOTOS);
+    for name in &chosen {
+        let photo = image::open(king.join("images").join(name)).unwrap();
         photo.resize(500, 500, image::imageops::Triangle).save(photos.join(name)).unwrap();
     }
     let mut command = program();
     command.arg("pose").arg(photos).arg("-o").arg(folder.path().join("found"));
     let (_, said) = works(command);
-    assert!(said.contains("23 of 23 photos have poses"), "{said}");
+    assert!(said.contains(&format!("{PHOTOS} of {PHOTOS} photos have poses")), "{said}");
 
-    let (known, found) = (open(&king), open(&folder.path().join("found")));
+    let (mut known, found) = (open(&king), open(&folder.path().join("found")));
+    known.views.retain(|view| chosen.contains(&view.name));
     assert!(found.points.len() > 500, "{} points", found.points.len());
     let names = |scene: &Scene| scene.views.iter().map(|view| view.name.clone()).collect::<Vec<_>>();
     assert_eq!(names(&known), names(&found));
@@ -64,19 +70,19 @@ fn a_video_becomes_a_model_by_one_command() {
     let [frames, video, out] = ["frames", "walk.mp4", "out"].map(|name| folder.path().join(name));
     fs::create_dir(&frames).unwrap();
     let known = open(&walk);
-    for (i, view) in known.views.iter().take(24).enumerate() {
+    for (i, view) in known.views.iter().take(12).enumerate() {
         let frame = image::open(&view.image).unwrap().resize_exact(480, 360, image::imageops::Triangle);
         frame.save(frames.join(format!("{i:04}.png"))).unwrap();
     }
     encode(&frames.join("%04d.png"), "2", &MPEG4, &video);
     let mut command = program();
     command.arg("run").arg(&video).arg("-o").arg(&out);
-    command.args(["--iterations", "300", "--resolution", "120", "--grow-to", "3000"]);
+    command.args(["--iterations", "200", "--resolution", "120", "--grow-to", "3000"]);
     let (ended, said) = works(command);
     let note = ended.said.lines().find(|l| l.contains("photos have poses")).expect("how many photos have poses");
     println!("{note}\n{said}");
     let found = open(&out.join("scene"));
-    assert!(found.views.len() >= 18, "{note}");
+    assert!(found.views.len() >= 9, "{note}");
     // If one frame were taken for the next, its camera would be off by 20 degrees.
     let frame = |name: &str| -> usize { name[6..12].parse().expect("frame_, the frame's number, and .jpg") };
     are_turned_alike(6.0, found.views.iter().map(|view| (&known.views[frame(&view.name)].camera, &view.camera)));

@@ -32,6 +32,33 @@ fn flagged(facts: &Diagnostics, flag: u8) -> u64 {
     facts.flags.iter().filter(|f| **f & flag != 0).count() as u64
 }
 
+/// What a mask hides counts for nothing, as in `eval`; a photo that is hidden as a whole has no figure.
+#[test]
+fn an_errors_psnr_is_that_of_eval_under_masks() {
+    let folder = tempfile::tempdir().unwrap();
+    copy(scene(), folder.path());
+    fs::create_dir(folder.path().join("masks")).unwrap();
+    for (photo, seen_from) in [("view_0001.png", 24), ("view_0002.png", 64)] {
+        let mask = image::GrayImage::from_fn(64, 48, |x, _| image::Luma([if x < seen_from { 0 } else { 255 }]));
+        mask.save(folder.path().join("masks").join(photo)).unwrap();
+    }
+    let (model, capture) = (beside("model.ply"), folder.path().display().to_string());
+    let scores = program(&["eval", &model, &capture, "--eval-every", "1", "--json"]).with(0, &[]).json();
+    let viewer = Viewer::start(&["view", &model, "--scene", &capture]);
+    let description = viewer.json("/scene.json");
+    let cameras = description["cameras"].as_array().unwrap();
+    let mut socket = viewer.socket();
+    for view in scores["views"].as_array().unwrap() {
+        let photo = cameras.iter().position(|camera| camera["name"] == view["name"]).unwrap();
+        let wish = request(1, &format!(r#"{{"photo":{photo}}}"#), r#""picture":"error","still":true"#);
+        match (socket.picture(&wish).0.figure, view["psnr"].as_f64()) {
+            (Figure::Psnr(shown), Some(scored)) => assert!((f64::from(shown) - scored).abs() < 1e-3, "{shown}: {view}"),
+            (Figure::None, None) => assert_eq!(view["name"], "view_0002.png"),
+            (shown, _) => panic!("{shown:?}: {view}"),
+        }
+    }
+}
+
 #[test]
 fn a_compression_tells_what_became_of_each_gaussian() {
     let folder = tempfile::tempdir().unwrap();

@@ -121,6 +121,14 @@ fn what_cannot_be_shown_or_served_is_said() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("config.toml"), "").unwrap();
     let begun = folder.path().display().to_string();
+    let results = tempfile::tempdir().unwrap();
+    let [compared, swept, halted] = ["compare.json", "sweep.json", "arms/default"].map(|name| {
+        let at = results.path().join(name.replace(['.', '/'], "_"));
+        std::fs::create_dir_all(at.join("arms")).unwrap();
+        std::fs::write(at.join("config.toml"), "").unwrap();
+        std::fs::write(at.join(name), "").unwrap();
+        at.display().to_string()
+    });
     for (arguments, code, words) in [
         (vec!["view", &model, "--port", &port], 2, "cannot listen on"),
         (vec!["view", "nowhere.ply"], 3, "nowhere.ply"),
@@ -135,6 +143,10 @@ fn what_cannot_be_shown_or_served_is_said() {
         (vec!["view", &model, "--scene", &begun], 3, "a run that has not finished"),
         (vec!["inspect", &begun], 3, "a run that has not finished"),
         (vec!["eval", &begun, &scene], 3, "a run that has not finished"),
+        (vec!["view", &compared], 3, "a comparison: compare.html shows its figures"),
+        (vec!["render", &compared, "--orbit", "1", "-o", "orbit"], 3, "a comparison: compare.html shows its figures"),
+        (vec!["inspect", &swept], 3, "a sweep: sweep.html shows its figures"),
+        (vec!["inspect", &halted], 3, "continue it with `compare --resume`"),
     ] {
         let said = end(&mut qirf(arguments)).with(code, &[words]).said;
         assert!(!said.contains("other machines can reach"), "{said}");

@@ -184,7 +184,7 @@ pub(super) fn read(root: &Path, model: &Path, options: &OpenOptions) -> Result<L
         view.mask = masks.find(&view.name);
     }
     skipped.notes.extend(masks.doubt());
-    skipped.notes.extend(elsewhere(&root, &images, options));
+    skipped.choices.extend(elsewhere(&root, &images, options));
     let point = |row: PointRow| {
         let (position, error) = (DVec3::from_array(row.position), row.error as f32);
         Point { position, normal: None, colour: row.colour, error, track: row.track }

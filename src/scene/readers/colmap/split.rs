@@ -101,7 +101,8 @@ impl Roles {
             }
             let (photos, file) = (counted(named.len(), "photo"), file.display());
             let one = if shared.is_empty() { "" } else { "single " };
-            skipped.notes.push(match (named.len(), role) {
+            let list = if named.is_empty() { &mut skipped.notes } else { &mut skipped.choices };
+            list.push(match (named.len(), role) {
                 (0, Role::Train) => format!("{file} names no {one}photo: it is ignored"),
                 (0, _) => format!("{file} names no {one}photo: nothing is held out by it"),
                 (_, Role::Train) => format!("{photos} to use, as {file} says"),

@@ -119,7 +119,7 @@ pub(super) fn read(root: &Path, outer: &Path, path: &Path, options: &OpenOptions
     }
     let train = files::child(root, "transforms_train.json");
     if kind == SceneKind::Transforms && train.is_file() && train != path {
-        skipped.notes.push(format!("the poses in {} are used, not those in {}", path.display(), train.display()));
+        skipped.choices.push(format!("the poses in {} are used, not those in {}", path.display(), train.display()));
     }
     if points.is_empty() {
         points = clouds::beside(&[root], &mut skipped);
