@@ -287,7 +287,7 @@ pub fn merge(py: Python<'_>, models: Vec<Bound<'_, Model>>) -> PyResult<Model> {
     if let Some(step) = rounded {
         warn(py, &rounding_warning("a model lies far from the origin of the merged model", step))?;
     }
-    let unplaced = models.iter().filter(|model| model.origin == [0.0; 3]);
+    let unplaced = models.iter().filter(|model| model.origin.iter().all(|x| *x == 0.0));
     let format = place::most_doubtful(unplaced.filter_map(|model| model.format));
     let common = models.iter().all(|other| other.run == first.run);
     let run = if common { first.run } else { OfRun::default() };

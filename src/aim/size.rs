@@ -22,6 +22,8 @@ const HARDLY_A_RUNG: f64 = 0.25;
 /// The whole model is tried at a coarser rung if the number of rungs down to where it should fit is at most this many times those
 /// that there are.
 const SLACK: f64 = 1.5;
+/// Growth from rung to rung beyond which two files are not comparable, in the usual ones; SOG's last rungs have three of them.
+const STEEPEST: f64 = 3.5;
 /// A merged Gaussian takes this many times the bytes of one of the whole model where these are alike: coarser settings may then serve better.
 /// Those of other models take up to 1.22 times as many (5 % of a model in SOG).
 const DEARER: f64 = 1.3;
@@ -288,7 +290,11 @@ impl<T: Trials> Search<'_, T> {
         let second = first.and_then(|first| nearest(&|other| other.abs_diff(first.rung) >= apart));
         let growth =
             first.zip(second).map(|(a, b)| (self.each(b) / self.each(a)).ln() / (b.rung as f64 - a.rung as f64));
-        growth.filter(|growth| *growth > 0.0).unwrap_or_else(|| self.usual_growth())
+        // In a long ladder, a file of the whole model beside one of few merged Gaussians, which take more bytes each, tells nothing; in a
+        // short one, headers grow as well.
+        let usual = self.usual_growth();
+        let steepest = if apart > 1 { STEEPEST * usual } else { f64::INFINITY };
+        growth.filter(|growth| *growth > 0.0 && *growth < steepest).unwrap_or(usual)
     }
 
     fn usual_growth(&self) -> f64 {
