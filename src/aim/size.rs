@@ -83,7 +83,9 @@ impl<T: Trials> Search<'_, T> {
                 continue;
             };
             best = Some(self.filled_above(point, size)?);
-            if point.rung == self.last() || self.left() < 2 {
+            // Files of few Gaussians grow by leaps: two attempts may not fill the size at another rung.
+            let least = if self.whole <= SMALL && best.is_some_and(|best| is_full(&best, size)) { 3 } else { 2 };
+            if point.rung == self.last() || self.left() < least {
                 break;
             }
         }

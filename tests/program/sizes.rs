@@ -65,8 +65,8 @@ fn an_input_that_fits_is_written_as_it_is() {
 fn views_that_are_too_few_to_choose_a_file_by_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let (model, out) = (saved(folder.path(), &ball()), folder.path().join("a.sog"));
-    for (views, are_few) in [("2", true), ("16", false)] {
-        let made = compressed(&model, &out, &["--views", views, "--size", "64x64", "--size", "3kB"]).with(0, &[]);
+    for (views, size, are_few) in [("2", "3kB", true), ("16", "7kB", false)] {
+        let made = compressed(&model, &out, &["--views", views, "--size", "64x64", "--size", size]).with(0, &[]);
         assert_eq!(made.said.contains("few views"), are_few, "{views}: {}", made.said);
     }
 }
