@@ -23,7 +23,7 @@ pub struct OfRun {
 }
 
 impl OfRun {
-    /// What the config.toml beside a model says, and the figures there; without one, nothing.
+    /// The settings in the config.toml beside a model, and the background in the figures there; none without that file.
     pub(crate) fn beside(model: &Path) -> Result<Self, Error> {
         let Some(run) = earlier::of_model(model)? else { return Ok(Self::default()) };
         Ok(Self {

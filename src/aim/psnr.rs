@@ -35,7 +35,7 @@ impl<T: Trials> Search<'_, T> {
         let mut whole = Row::of_whole(self.last(), wanted, self.whole);
         whole.add(first);
         let mut rows: Vec<Row> = Vec::new();
-        // What all Gaussians miss, fewer hardly reach.
+        // Fewer Gaussians hardly reach a PSNR that the whole model misses.
         let finer = self.steps.iter().copied().find(|step| *step > start && first.psnr < Some(wanted));
         let mut next = finer.or(Some(start));
         while let Some(rung) = next {

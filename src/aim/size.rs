@@ -22,7 +22,7 @@ const HARDLY_A_RUNG: f64 = 0.25;
 /// The whole model is tried at a coarser rung if the number of rungs down to where it should fit is at most this many times those
 /// that there are.
 const SLACK: f64 = 1.5;
-/// Growth from rung to rung beyond which two files are not comparable, in the usual ones; SOG's last rungs have three of them.
+/// Two files are not comparable if they grow by more than this many times the usual growth from rung to rung; SOG's grow by up to three times.
 const STEEPEST: f64 = 3.5;
 /// A merged Gaussian takes this many times the bytes of one of the whole model where these are alike: coarser settings may then serve better.
 /// Those of other models take up to 1.22 times as many (5 % of a model in SOG).
@@ -47,16 +47,7 @@ fn is_better(point: &Point, than: &Point, size: u64) -> bool {
 impl<T: Trials> Search<'_, T> {
     pub(super) fn by_size(&mut self, size: u64) -> Result<Point, T::Error> {
         let start = (self.steps.len() - 1).div_ceil(3);
-        // Known first, the whole model's file tells about how many Gaussians fill the size.
-        let whole = if (size as f64) < LEAST_EACH * self.whole as f64 {
-            None
-        } else {
-            Some(self.file(self.steps[start], self.whole)?)
-        };
-        let mut best = match whole {
-            Some(file) if file.bytes <= size => self.on_rung(file.rung, size, self.whole as f64)?,
-            _ => None,
-        };
+        let (mut best, mut first) = self.of_whole(self.steps[start], size)?;
         let better = |point: &Point, best: &Option<Point>| best.is_none_or(|b| is_better(point, &b, size));
         let mut missed = false;
         for step in start..self.steps.len() {
@@ -65,14 +56,7 @@ impl<T: Trials> Search<'_, T> {
             if best.is_some_and(|b| b.rung >= rung) {
                 continue;
             }
-            let mut guess = self.guess(best, rung, size);
-            if let Some(whole) = whole.filter(|whole| step == start && whole.bytes > size) {
-                let fewer = self.file(rung, (guess as usize).clamp(1, self.whole))?;
-                if fewer.bytes >= whole.bytes || self.each(&fewer) > DEARER * self.each(&whole) {
-                    best = self.of_whole_below(rung, size)?;
-                }
-                guess = self.secant(&[fewer, whole].map(|file| (file.gaussians, file.bytes as f64)), size);
-            }
+            let guess = first.take().unwrap_or_else(|| self.guess(best, rung, size));
             let point = self.on_rung(rung, size, guess)?;
             let Some(point) = point.filter(|point| better(point, &best)) else {
                 // The first cut costs most: a finer rung may make up for it.
@@ -112,10 +96,27 @@ impl<T: Trials> Search<'_, T> {
         }
     }
 
-    /// A file that is not scored.
+    /// The whole model at a rung; where it does not fit there, about how many Gaussians do, and the whole model at a coarser rung if it takes
+    /// fewer bytes than merged ones.
+    fn of_whole(&mut self, rung: usize, size: u64) -> Result<(Option<Point>, Option<f64>), T::Error> {
+        if (size as f64) < LEAST_EACH * self.whole as f64 {
+            return Ok((None, None));
+        }
+        let whole = self.file(rung, self.whole)?;
+        if whole.bytes <= size {
+            return Ok((self.on_rung(rung, size, self.whole as f64)?, None));
+        }
+        let fewer = self.file(rung, (self.expected(&whole, rung, size) as usize).clamp(1, self.whole))?;
+        let dear = fewer.bytes >= whole.bytes || self.each(&fewer) > DEARER * self.each(&whole);
+        let best = if dear { self.of_whole_below(rung, size)? } else { None };
+        let filling = self.secant(&[fewer, whole].map(|file| (file.gaussians, file.bytes as f64)), size);
+        Ok((best, Some(filling)))
+    }
+
+    /// A file as far as it is known.
     fn file(&mut self, rung: usize, gaussians: usize) -> Result<Point, T::Error> {
-        let bytes = self.bytes(rung, gaussians)?;
-        Ok(Point { rung, gaussians, bytes, psnr: None })
+        self.bytes(rung, gaussians)?;
+        Ok(self.tried[&(rung, gaussians)])
     }
 
     /// The whole model at a rung where it fits, down from `rung`; none if it seems to fit nowhere.

@@ -41,7 +41,7 @@ fn is_near(model: &Gaussians, from: [f64; 3]) -> bool {
     from == [0.0; 3] && origin::near(mean(model), 1.0) == DVec3::ZERO
 }
 
-/// Of the formats of models without a recorded local origin, the one that leaves most [`doubt`] about all of them.
+/// The format that leaves most [`doubt`], of the formats of merged models that have no recorded local origin.
 pub fn most_doubtful(formats: impl Iterator<Item = Format>) -> Option<Format> {
     formats.max_by_key(|format| (!keeps_origins(*format), !is_ply(*format)))
 }

@@ -32,7 +32,7 @@ fn flagged(facts: &Diagnostics, flag: u8) -> u64 {
     facts.flags.iter().filter(|f| **f & flag != 0).count() as u64
 }
 
-/// What a mask hides counts for nothing, as in `eval`; a photo that is hidden as a whole has no figure.
+/// Pixels that a mask hides do not count, as in `eval`; a photo that is hidden as a whole has no figure.
 #[test]
 fn an_errors_psnr_is_that_of_eval_under_masks() {
     let folder = tempfile::tempdir().unwrap();
