@@ -7,6 +7,7 @@ mod levels;
 mod limits;
 mod readers;
 mod shared;
+mod spz;
 mod strangers;
 mod tags;
 mod usd;
